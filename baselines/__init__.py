@@ -1,0 +1,1 @@
+"""Exploration strategies that act on observations alone."""

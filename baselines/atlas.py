@@ -1,0 +1,96 @@
+"""The atlas: every agent's map windows, stitched over time into one grid in the team frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from coop_envs.mapping.planning import BeliefGrid
+
+UNKNOWN = 128
+FREE = 64
+SPARE_CELLS = 16
+
+
+class Atlas:
+    """A growing grid of P(ground) and P(obstacle) in 255ths, as the agents' windows showed it last.
+
+    A window's corner is a multiple of the cell, so stitching copies cells and loses nothing. Bumps are places where a
+    robot was stopped; they are kept apart and forgotten where a window later shows free space.
+    """
+
+    def __init__(self, cell_m: float) -> None:
+        self.cell_m = cell_m
+        self._bumped = False
+        self._corner = np.zeros(2, dtype=np.intp)
+        self._layers = _unknown(0, 0)
+
+    def add(self, corner_m: tuple[float, float], window: NDArray[np.uint8]) -> None:
+        """Take over a window (2 or more, n, m): channels ground and obstacle, lower corner (x, y) in metres."""
+        i, j = round(corner_m[0] / self.cell_m), round(corner_m[1] / self.cell_m)
+        n, m = window.shape[1:]
+        i, j = self._room_for(i, j, n, m)
+        part = self._layers[:, i : i + n, j : j + m]
+        part[:2] = window[:2]
+        if self._bumped:
+            part[2][window[1] <= FREE] = 0
+
+    def bump(self, xy_m: tuple[float, float]) -> None:
+        """Note that a robot was stopped by something at a point (x, y)."""
+        self._bumped = True
+        i, j = self._room_for(math.floor(xy_m[0] / self.cell_m), math.floor(xy_m[1] / self.cell_m), 1, 1)
+        self._layers[2, i, j] = 255
+
+    def include(self, points_m: ArrayLike) -> None:
+        """Make room for points (k, 2), unknown until a window shows them."""
+        cells = np.floor(np.asarray(points_m) / self.cell_m).astype(int)
+        (i, j), (n, m) = cells.min(axis=0).tolist(), (np.ptp(cells, axis=0) + 1).tolist()
+        self._room_for(i, j, n, m)
+
+    @property
+    def grid(self) -> BeliefGrid:
+        """The whole grid without bumps, a view: it changes with the next window."""
+        x, y = (self._corner * self.cell_m).tolist()
+        return BeliefGrid(self._layers[0], self._layers[1], (x, y), self.cell_m)
+
+    @property
+    def grid_with_bumps(self) -> BeliefGrid:
+        """The whole grid, bumps taken for obstacles."""
+        return replace(self.grid, obstacle=np.maximum(self._layers[1], self._layers[2]))
+
+    def at(self, points_m: NDArray[np.float64]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        """P(ground) and P(obstacle), each (k,) in 255ths, bumps included, at points (k, 2); unknown beyond the grid."""
+        cells = np.floor(points_m / self.cell_m).astype(int) - self._corner
+        inside = np.all((cells >= 0) & (cells < self._layers.shape[1:]), axis=1)
+        values = _unknown(len(cells), 1)[:, :, 0]
+        values[:, inside] = self._layers[:, cells[inside, 0], cells[inside, 1]]
+        return values[0], np.maximum(values[1], values[2])
+
+    def _room_for(self, i: int, j: int, n: int, m: int) -> tuple[int, int]:
+        """Grow, if need be, until cells (i, j) .. (i + n, j + m) fit; return (i, j) as indices of the layers."""
+        _, nx, ny = self._layers.shape
+        i0, j0 = i - int(self._corner[0]), j - int(self._corner[1])
+        if i0 < 0 or j0 < 0 or i0 + n > nx or j0 + m > ny:
+            self._grow(np.array([i, j]), np.array([i + n, j + m]))
+            i0, j0 = i - int(self._corner[0]), j - int(self._corner[1])
+        return i0, j0
+
+    def _grow(self, low: NDArray[np.intp], high: NDArray[np.intp]) -> None:
+        size = np.array(self._layers.shape[1:])
+        if size.any():
+            low, high = np.minimum(low, self._corner), np.maximum(high, self._corner + size)
+        low, high = low - SPARE_CELLS, high + SPARE_CELLS
+        layers = _unknown(*(high - low))
+        i, j = self._corner - low
+        layers[:, i : i + size[0], j : j + size[1]] = self._layers
+        self._corner, self._layers = low, layers
+
+
+def _unknown(nx: int, ny: int) -> NDArray[np.uint8]:
+    """Layers (3, nx, ny) of ground and obstacle never seen, and of no bumps."""
+    layers = np.full((3, nx, ny), UNKNOWN, dtype=np.uint8)
+    layers[2] = 0
+    return layers

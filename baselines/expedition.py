@@ -1,0 +1,212 @@
+"""The course of an exploration that all baselines share; only how pickets scout differs.
+
+Pickets scout while the observer holds. As soon as a safe path to the goal is known, they go to posts along it and hold,
+and the observer crosses. While there is none (or no goal) and the pickets prove nothing new, the observer turns, or
+drives over proven ground, to where more unknown ground is in view. When the time for exploring is over and no path was
+found, the team stays where it is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Generator, Iterator
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from baselines.atlas import Atlas
+from baselines.crossing import Crossing, ObserverPlanner
+from baselines.driving import STILL, Drive, PathFollower, ScoutDriver, action, turn_to
+from baselines.ground_view import GroundView
+from baselines.posting import choose_posts
+from baselines.team_view import TeamView, read_team, wrapped
+from baselines.vantage import best_heading, best_stand, worth_exploring
+from coop_envs.mapping.planning import PROVEN, Footprint, SafeRoutes, scouting_path
+from coop_envs.policy import Actions, Observations, TeamDescription
+
+EXPLORE_SHARE = 0.8  # of the time limit, if there is a goal; a crossing takes the rest
+PLAN_EVERY_S = 2.0
+GOAL_NEAR_M = 0.06
+IDLE_S, IDLE_AREA_M2 = 24.0, 0.015  # pickets that prove less in this time have finished here
+PATIENCE = 3  # idle times to wait with the goal in view
+POST_S, POST_NEAR_M = 20.0, 0.04
+SETTLE_S, TURN_S, FACING_RAD, TURN_RAD_S = 3.0, 12.0, 0.05, 0.6
+CROSS_S = 180.0
+
+Drives = dict[str, Drive]
+HOLD: Drives = {}
+
+
+class Scouting(Protocol):
+    """How pickets explore."""
+
+    def command(self, view: TeamView, atlas: Atlas) -> Drives:
+        """One drive for each scout."""
+        ...
+
+    def move_on(self) -> None:
+        """The observer has moved: it sees other ground now."""
+        ...
+
+
+class Expedition:
+    """One episode of one team. The course is a generator: each step yields the drives of one decision."""
+
+    def __init__(self, team: TeamDescription, scouting: Scouting, seed: int) -> None:
+        self.atlas = Atlas(team.cell_m)
+        self._team, self._scouting = team, scouting
+        self._members = dict(zip(team.names, team.members, strict=True))
+        self._planner = ObserverPlanner(team)
+        self._half_view_rad = GroundView(team.members[0]).half_width_rad
+        self._rng = np.random.default_rng([seed, 3])
+        self._stands: list[tuple[float, float]] = []
+        self._headings: list[float] = []
+        self._course = self._whole_course()
+
+    def act(self, observations: Observations) -> Actions:
+        """One action for each live agent."""
+        drives = HOLD
+        view = read_team(observations, self._team)
+        if view is not None:
+            self._view = view
+            for robot in (view.leader, *view.scouts):
+                self.atlas.add(robot.window_m, observations[robot.name]["map"])
+            drives = next(self._course)
+        return {name: action(drives.get(name, STILL), self._members[name]) for name in observations}
+
+    def _whole_course(self) -> Iterator[Drives]:
+        yield from self._face_goal()
+        while self._may_explore():
+            yield from self._scout()
+            if (yield from self._reach_goal()):
+                break
+            yield from self._advance()
+        while True:
+            yield HOLD
+
+    def _may_explore(self) -> bool:
+        """Whether there is time, and somebody to explore."""
+        share = 1.0 if self._view.goal is None else EXPLORE_SHARE
+        in_time = self._view.time_left_s > (1.0 - share) * self._team.time_limit_s
+        return in_time and bool(self._view.scouts or self._view.reserves_left)
+
+    def _decisions(self, seconds: float) -> range:
+        return range(max(1, round(seconds / self._team.decision_s)))
+
+    # Scouting
+
+    def _scout(self) -> Iterator[Drives]:
+        """Let pickets explore until a path to the goal is known, nothing new is proven, or time is up."""
+        proven: list[int] = []
+        idle_plans = round(IDLE_S / PLAN_EVERY_S) * (PATIENCE if self._goal_in_view() else 1)
+        while self._may_explore():
+            for _ in self._decisions(PLAN_EVERY_S):
+                yield self._scouting.command(self._view, self.atlas)
+            proven.append(int(np.count_nonzero(self.atlas.grid.ground >= PROVEN)))
+            fresh = proven[-1] - proven[-1 - idle_plans] if len(proven) > idle_plans else np.inf
+            if fresh * self._team.cell_m**2 < IDLE_AREA_M2 or self._goal_path(among_scouts=False) is not None:
+                return
+
+    def _goal_in_view(self) -> bool:
+        leader, goal = self._view.leader, self._view.goal
+        return goal is not None and abs(leader.bearing_to(goal)) < self._half_view_rad
+
+    # Crossing
+
+    def _goal_path(self, among_scouts: bool) -> NDArray[np.float64] | None:
+        goal = self._view.goal
+        if goal is None:
+            return None
+        routes = self._planner.routes(self._view, self.atlas, among_scouts)
+        cell = routes.nearest_to(goal, max(GOAL_NEAR_M, 0.71 * self._team.cell_m))
+        path = None if cell is None else routes.path_to(cell)
+        if path is not None and routes.clearance.along(path[-1], np.asarray(goal)) > 0.0:
+            path = np.vstack([path, goal])
+        return path
+
+    def _reach_goal(self) -> Generator[Drives, None, bool]:
+        """Post the pickets and cross; whether the goal was reached."""
+        path = self._goal_path(among_scouts=False)
+        if path is None:
+            return False
+        yield from self._post(path)
+        path = self._goal_path(among_scouts=True)
+        return path is not None and (yield from self._drive_observer(path))
+
+    def _post(self, path: NDArray[np.float64]) -> Iterator[Drives]:
+        """Send the pickets to where the observer will see them on its way."""
+        scouts = {scout.name: self._members[scout.name].robot for scout in self._view.scouts}
+        routes = {
+            scout.name: SafeRoutes(
+                self.atlas.grid,
+                scout.xy,
+                Footprint(scouts[scout.name].contact_radius_m, scouts[scout.name].body_radius_m),
+            )
+            for scout in self._view.scouts
+        }
+        follower = PathFollower(path, 0.05)
+        posts = choose_posts(routes, self._view.scouts, follower.points[::5], self._half_view_rad, 0.17)
+        yield from self._send(posts)
+
+    def _send(self, posts: dict[str, tuple[float, float]]) -> Iterator[Drives]:
+        """Drive pickets to places, over proven ground where there is any, until all are there or time is up."""
+        drivers = {name: ScoutDriver(self._members[name], self._team.decision_s, self._rng) for name in posts}
+        ways = {s.name: self._way(s.name, s.xy, posts[s.name]) for s in self._view.scouts if s.name in posts}
+        for _ in self._decisions(POST_S):
+            going = [s for s in self._view.scouts if s.name in ways and s.distance_to(posts[s.name]) > POST_NEAR_M]
+            if not going:
+                return
+            yield {s.name: drivers[s.name].go(s, ways[s.name].target(s.xy)) for s in going}
+
+    def _way(self, name: str, start: tuple[float, float], end: tuple[float, float]) -> PathFollower:
+        ends = np.array([start, end])
+        grid = self.atlas.grid_with_bumps.crop(ends, 8 * self.atlas.cell_m)
+        return PathFollower(scouting_path(grid, start, end, self._members[name].robot.contact_radius_m), 0.06)
+
+    def _drive_observer(self, path: NDArray[np.float64]) -> Generator[Drives, None, bool]:
+        """Drive the observer along a path while all others hold; whether it arrived."""
+        crossing = Crossing(path, self._planner, self._team)
+        for _ in self._decisions(CROSS_S):
+            drive = crossing.drive(self._view, self.atlas)
+            if crossing.arrived or crossing.blocked:
+                break
+            yield {self._team.names[0]: drive}
+        yield HOLD
+        return crossing.arrived
+
+    # Moving on
+
+    def _face_goal(self) -> Iterator[Drives]:
+        if self._view.goal is not None and not self._goal_in_view():
+            yield from self._turn(self._view.leader.yaw + self._view.leader.bearing_to(self._view.goal))
+
+    def _advance(self) -> Iterator[Drives]:
+        """Turn to where more unknown ground is in view, or go where there would be more."""
+        leader, grid = self._view.leader, self.atlas.grid
+        worth = worth_exploring(grid, self._view.goal)
+        self._headings.append(leader.yaw)
+        heading, gain = best_heading(grid, worth, leader.xy, self._half_view_rad, self._headings)
+        routes = self._planner.routes(self._view, self.atlas, among_scouts=True)
+        cell, around = best_stand(routes, worth, [*self._stands, leader.xy])
+        path = None if cell is None else routes.path_to(cell)
+        if path is not None and around * self._half_view_rad / math.pi > gain:
+            self._stands.append(leader.xy)
+            self._headings.clear()
+            yield from self._drive_observer(path)
+            heading, _ = best_heading(grid, worth, self._view.leader.xy, self._half_view_rad, [])
+        yield from self._turn(heading)
+        self._scouting.move_on()
+
+    def _turn(self, heading: float) -> Iterator[Drives]:
+        """Turn the observer in place once all others stand still."""
+        for _ in self._decisions(SETTLE_S):
+            if all(scout.stationary for scout in self._view.scouts):
+                break
+            yield HOLD
+        for _ in self._decisions(TURN_S):
+            bearing = wrapped(heading - self._view.leader.yaw)
+            if abs(bearing) < FACING_RAD:
+                break
+            yield {self._team.names[0]: turn_to(bearing, TURN_RAD_S)}
+        yield HOLD

@@ -1,0 +1,69 @@
+"""Where the observer should stand and look next, when the pickets have proven what they can reach in its view.
+
+Source: inchworm advance of chapter 5 (the observer moves while pickets hold, and the other way round).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coop_envs.mapping.planning import BLOCKED, HAZARD, PROVEN, BeliefGrid, Cell, SafeRoutes
+
+RANGE_M = 1.0
+HEADINGS = np.linspace(-math.pi, math.pi, 24, endpoint=False)
+GOAL_PULL_M = 0.5
+APART_M = 0.2
+TRIED_SHARE = 0.15
+TRAVEL_PRICE_1_M = 0.15
+
+
+def worth_exploring(grid: BeliefGrid, goal: tuple[float, float] | None) -> NDArray[np.float64]:
+    """Worth (nx, ny) in square metres of proving each cell: its area if unknown, less far from a known goal."""
+    unknown = (grid.ground > HAZARD) & (grid.ground < PROVEN) & (grid.obstacle < BLOCKED)
+    worth = unknown * grid.cell_m**2
+    if goal is None:
+        return worth
+    nx, ny = worth.shape
+    x = grid.origin_m[0] + (np.arange(nx) + 0.5) * grid.cell_m
+    y = grid.origin_m[1] + (np.arange(ny) + 0.5) * grid.cell_m
+    return worth / (1.0 + np.hypot(x[:, None] - goal[0], y[None, :] - goal[1]) / GOAL_PULL_M)
+
+
+def best_heading(
+    grid: BeliefGrid, worth: NDArray[np.float64], xy: tuple[float, float], half_view_rad: float, tried: list[float]
+) -> tuple[float, float]:
+    """The heading (team frame) whose field of view holds the most worth, and that worth; tried headings count little."""
+    place = np.argwhere((worth > 0.0) & grid.within((*xy, RANGE_M)))
+    offset = grid.centre_of(place) - xy
+    bearing = np.arctan2(offset[:, 1], offset[:, 0])
+    in_view = np.abs(_wrapped(bearing[None] - HEADINGS[:, None])) < half_view_rad
+    gain = in_view @ worth[tuple(place.T)]
+    for heading in tried:
+        gain[np.abs(_wrapped(HEADINGS - heading)) < half_view_rad] *= TRIED_SHARE
+    best = int(np.argmax(gain))
+    return float(HEADINGS[best]), float(gain[best])
+
+
+def best_stand(
+    routes: SafeRoutes, worth: NDArray[np.float64], stands: list[tuple[float, float]]
+) -> tuple[Cell | None, float]:
+    """The reachable cell with the most worth round it for the way there, and that worth; away from earlier stands."""
+    from scipy.ndimage import uniform_filter
+
+    grid = routes.grid
+    width = max(1, round(RANGE_M / grid.cell_m))
+    around = uniform_filter(worth, size=width, mode="constant") * width**2
+    around = np.where(np.isfinite(routes.cost_m), around - TRAVEL_PRICE_1_M * routes.cost_m, -np.inf)
+    for x, y in stands:
+        around[grid.within((x, y, APART_M))] = -np.inf
+    best = np.unravel_index(int(np.argmax(around)), around.shape)
+    if not np.isfinite(around[best]):
+        return None, 0.0
+    return (int(best[0]), int(best[1])), float(around[best])
+
+
+def _wrapped(angle: NDArray[np.float64]) -> NDArray[np.float64]:
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi

@@ -1,0 +1,98 @@
+"""From a policy's action to a robot's command, the same for simulation and for robots.
+
+An action is eight numbers in [-1, 1], named in `ACTION_NAMES`. ``hold`` above 0 commands exactly zero motion. Entries a
+robot has no use for are ignored; `action_mask` says which. The scan entries are reserved for robots with a laser.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from coop_envs.agents.command import Command
+from coop_envs.agents.team import Member, Team
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+
+ACTION_NAMES = (
+    "hold",
+    "forward_speed",
+    "yaw_rate",
+    "pitch_rate",
+    "scan_request",
+    "scan_azimuth",
+    "scan_elevation",
+    "marker_brightness",
+)
+HOLD, FORWARD, YAW, BRIGHTNESS = (wp.constant(k) for k in (0, 1, 2, 7))
+LANDMARK_BRIGHTNESS = wp.constant(0.5)
+AT_WORK = wp.constant(1)
+
+
+@wp.struct
+class DriveModel:
+    """Wheel radius and track (m), speeds that an action of 1 asks for (m/s, rad/s), largest rim speed (m/s)."""
+
+    wheel_radius: float
+    track: float
+    cruise_speed: float
+    cruise_yaw_rate: float
+    max_speed: float
+
+
+def action_mask(member: Member) -> NDArray[np.int8]:
+    """1 for the entries of the action that this robot uses, (8,)."""
+    laser = int(member.laser is not None)
+    return np.array([1, 1, 1, 0, laser, laser, laser, int(member.hat is not None)], dtype=np.int8)
+
+
+def drive_models(team: Team, device: str) -> wp.array:
+    """Pack every member's drive (N,)."""
+    models = []
+    for member in team.members:
+        model = DriveModel()
+        model.wheel_radius, model.track = member.robot.wheel_radius_m, member.robot.track_m
+        model.cruise_speed, model.cruise_yaw_rate = member.cruise_speed_m_s, member.cruise_yaw_rate_rad_s
+        model.max_speed = member.robot.max_speed_m_s
+        models.append(model)
+    return wp.array(models, dtype=DriveModel, device=device)
+
+
+@wp.func
+def wheel_speeds(model: DriveModel, speed: float, yaw_rate: float) -> wp.vec2:
+    """Left and right wheel speed (rad/s), slowed together where one would exceed the robot's limit.
+
+    Source: thesis eq (6.10).
+    """
+    left = speed - 0.5 * yaw_rate * model.track
+    right = speed + 0.5 * yaw_rate * model.track
+    fastest = wp.max(wp.abs(left), wp.abs(right))
+    scale = wp.min(1.0, model.max_speed / wp.max(fastest, 1.0e-6))
+    return wp.vec2(left, right) * (scale / model.wheel_radius)
+
+
+@wp.kernel
+def control(
+    actions: wp.array3d(dtype=float), declared: wp.array2d(dtype=int), called: wp.array2d(dtype=int),
+    models: wp.array(dtype=DriveModel), command: Command,
+):  # fmt: skip
+    """Commands for every robot. One that is docked or lost stands; a lost one keeps its hat lit as a landmark."""
+    b, r = wp.tid()
+    model = models[r]
+    command.laser[b, r] = 0.0
+    command.galvo[b, r] = wp.vec2i(0, 0)
+    command.undock[b, r] = called[b, r]
+    if declared[b, r] != AT_WORK:
+        command.wheels[b, r] = wp.vec2(0.0, 0.0)
+        command.hold[b, r] = 1
+        command.brightness[b, r] = LANDMARK_BRIGHTNESS
+        return
+    hold = actions[b, r, HOLD] > 0.0
+    command.hold[b, r] = int(hold)
+    command.wheels[b, r] = wp.vec2(0.0, 0.0)
+    if not hold:
+        speed = wp.clamp(actions[b, r, FORWARD], -1.0, 1.0) * model.cruise_speed
+        yaw_rate = wp.clamp(actions[b, r, YAW], -1.0, 1.0) * model.cruise_yaw_rate
+        command.wheels[b, r] = wheel_speeds(model, speed, yaw_rate)
+    command.brightness[b, r] = 0.5 * (wp.clamp(actions[b, r, BRIGHTNESS], -1.0, 1.0) + 1.0)

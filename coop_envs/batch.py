@@ -1,0 +1,187 @@
+"""`TeamBatch`: B teams in one environment, from actions to observations, as arrays on one device.
+
+The loop of a decision is: actions -> commands -> physics -> measurements -> belief and map -> score, observations. The
+batch of one is the single environment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from coop_envs.actions import ACTION_SIZE
+from coop_envs.agents.control import control, drive_models
+from coop_envs.errors import ConfigError
+from coop_envs.estimation.declaring import StuckModel
+from coop_envs.estimation.estimator import Plan, TeamEstimator
+from coop_envs.estimation.joining import Prior
+from coop_envs.estimation.propagation import FilterModel
+from coop_envs.geometry.arrays import allocate, assign, to_numpy
+from coop_envs.mapping.ground_map import MapModel
+from coop_envs.mapping.information import cell_information_ubit
+from coop_envs.observations import MAP_LAYERS, MATE_SIZE, MATES, SELF_SIZE, WINDOW, Observations, ViewModel, observe
+from coop_envs.scenario import Scenario
+from coop_envs.scoring import TERMS, Score, judge, open_account, pack_truth, pickets, score_model
+from coop_envs.sensing.leds import LedModel
+from coop_envs.simulation.fast import FastPhysics, Placement
+from coop_envs.simulation.step import Clock
+from coop_envs.world_pool import WorldPool
+from coop_envs.worlds.world import World
+
+PLACEMENT = Placement()
+TILT_SIGMA_RAD = 0.05
+
+
+class TeamBatch:
+    """B teams of the scenario's robots in the worlds of a pool.
+
+    ``actions`` (B, N, 8) is written by the caller before `step`; ``observations``, ``score``, ``belief`` and ``state``
+    hold the outcome. All are device arrays; on the CPU ``.numpy()`` of each is a view.
+    """
+
+    def __init__(self, scenario: Scenario, pool: WorldPool, teams: int, device: str) -> None:
+        n = len(scenario.team.members)
+        self.scenario, self.pool, self.teams, self.device = scenario, pool, teams, device
+        decision_s = scenario.rates.decision_s
+        self.physics = FastPhysics(
+            scenario.team, pool.worlds, _clock(scenario), _led_model(scenario, pool.worlds[0]), teams, device, PLACEMENT
+        )
+        self.map_model = _map_model(scenario, pool.map_shape)
+        stuck = StuckModel()
+        stuck.stuck_s, stuck.silent_s = scenario.estimation.stuck_s, scenario.estimation.silent_s
+        stuck.decision_s = decision_s
+        self.estimator = TeamEstimator(
+            scenario.team,
+            self.physics.measurements,
+            self.physics.command,
+            _filter_model(scenario),
+            stuck,
+            self.map_model,
+            _prior(),
+            self.physics.running,
+            teams,
+            device,
+        )
+        self.state, self.belief, self.map = self.physics.state, self.estimator.belief, self.estimator.map
+        self.measurements, self.command = self.physics.measurements, self.physics.command
+        self.running = self.physics.running
+        self.actions = wp.zeros((teams, n, ACTION_SIZE), dtype=float, device=device)
+        self.observations: Observations = allocate(
+            Observations,
+            (teams, n),
+            device,
+            own=(teams, n, SELF_SIZE),
+            mates=(teams, n, MATES, MATE_SIZE),
+            mask=(teams, n, MATES),
+            map=(teams, n, len(MAP_LAYERS), WINDOW * WINDOW),
+        )
+        self.score: Score = allocate(Score, (teams, n), device, terms=(teams, len(TERMS)))
+        self.truth = pack_truth(pool.worlds, pool.truth, device)
+        view = ViewModel()
+        view.stride, view.time_limit, view.decision = scenario.map.ego_stride, scenario.task.time_limit_s, decision_s
+        view.stuck = scenario.estimation.stuck_s
+        kinds = pickets(scenario.team, device)
+        table = wp.array(cell_information_ubit(), dtype=int, device=device)
+        self._accounts = [self.state, self.map, self.truth, self.map_model, self.score]
+        drives = drive_models(scenario.team, device)
+        called = [self.actions, self.belief.declared, self.belief.undock, drives, self.command]
+        scored = [self.state, self.belief, self.map, self.truth, self.map_model]
+        scored += [score_model(scenario.reward, scenario.task, decision_s), self.score, kinds, table, self.running]
+        seen = [self.belief, self.map, self.map_model, view, self.estimator.members, self.measurements.gyro]
+        self._control = self._record(control, (teams, n), called)
+        self._judge = self._record(judge, teams, scored)
+        self._observe = self._record(observe, (teams, n), [*seen, self.observations])
+
+    def _record(self, kernel: wp.Kernel, dim: int | tuple[int, int], inputs: list[object]) -> wp.Launch:
+        return wp.launch(kernel, dim, inputs=inputs, device=self.device, record_cmd=True)
+
+    def place(self, chosen: NDArray[np.int32], keys: NDArray[np.uint64], worlds: NDArray[np.int32]) -> None:
+        """Set the teams with ``chosen`` 1 down anew; their next decision, at rest, gives the first observation.
+
+        chosen (B,) 0 or 1, keys (B,) random keys, worlds (B,) places in the pool.
+        """
+        self.physics.reset(chosen, keys, worlds)
+        pool = self.pool
+        corner = pool.corner[worlds]
+        self.estimator.reset(chosen, Plan(pool.starts[worlds], pool.docks[worlds], pool.goals[worlds], corner))
+        mask = wp.array(chosen, dtype=int, device=self.device)
+        wp.launch(open_account, self.teams, inputs=[*self._accounts, mask], device=self.device)
+
+    def snapshot(self) -> dict[str, dict[str, NDArray[np.generic]]]:
+        """A copy of everything that changes, by part and name; `restore` brings it back."""
+        return {name: to_numpy(part) for name, part in self._parts().items()}
+
+    def restore(self, snapshot: Mapping[str, Mapping[str, NDArray[np.generic]]]) -> None:
+        """Go back to a `snapshot` of this batch or of one of the same scenario, worlds and size.
+
+        Raises:
+            ConfigError: the snapshot is of another batch.
+        """
+        try:
+            for name, part in self._parts().items():
+                assign(part, snapshot[name])
+        except (KeyError, ValueError) as error:
+            raise ConfigError("state", str(error), "a snapshot of the same scenario, worlds and number of teams") from None
+
+    def _parts(self) -> dict[str, Any]:
+        return {
+            "state": self.state,
+            "belief": self.belief,
+            "map": self.map,
+            "score": self.score,
+            "measurements": self.measurements,
+            "command": self.command,
+            "observations": self.observations,
+        }
+
+    def step(self) -> None:
+        """Carry out ``actions`` for one decision in every running team."""
+        self._control.launch()
+        self.physics.step()
+        self.estimator.step()
+        self._judge.launch()
+        self._observe.launch()
+
+
+def _clock(scenario: Scenario) -> Clock:
+    clock = Clock()
+    clock.tick_s, clock.substeps = scenario.rates.tick_s, scenario.rates.substeps
+    clock.ticks = scenario.rates.ticks_per_decision
+    return clock
+
+
+def _led_model(scenario: Scenario, world: World) -> LedModel:
+    sensing, medium = scenario.sensing, world.medium
+    model = LedModel()
+    model.noise_px, model.reference_range = sensing.pixel_noise_px, sensing.full_signal_range_m
+    model.absorption = float(np.mean(medium.absorption_1_m)) - float(np.log1p(-medium.particulate))
+    model.detection_signal, model.min_leds = sensing.detection_signal, sensing.min_leds
+    model.dropout, model.outlier = sensing.dropout, sensing.outlier
+    return model
+
+
+def _filter_model(scenario: Scenario) -> FilterModel:
+    settings = scenario.estimation
+    model = FilterModel()
+    model.tick_s, model.decision_s = scenario.rates.tick_s, scenario.rates.decision_s
+    model.rest_s, model.odometry_scale = settings.rest_s, settings.odometry_noise_scale
+    model.slip_position, model.slip_heading = settings.slip_position_m_rts, settings.slip_heading_rad_rts
+    return model
+
+
+def _map_model(scenario: Scenario, shape: tuple[int, int]) -> MapModel:
+    model = MapModel()
+    model.nx, model.ny = shape
+    model.cell, model.mark_radius = scenario.map.cell_m, scenario.estimation.hazard_mark_m
+    return model
+
+
+def _prior() -> Prior:
+    prior = Prior()
+    prior.position_sigma, prior.height_sigma = 2.0 * PLACEMENT.position_sigma_m, 0.02
+    prior.yaw_sigma, prior.tilt_sigma = 2.0 * PLACEMENT.yaw_sigma_rad, TILT_SIGMA_RAD
+    return prior

@@ -1,0 +1,147 @@
+"""`Belief`: what a team knows, a function of its measurements and commands alone."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import warp as wp
+
+from coop_envs.agents.team import Team
+from coop_envs.geometry.arrays import allocate
+from coop_envs.sensing.camera import body_from_camera
+from coop_envs.sensing.poses import mat66d
+
+
+class Declared(IntEnum):
+    """What the belief holds of a robot."""
+
+    DOCKED = 0
+    ACTIVE = 1
+    LOST = 2
+
+
+WAITING = wp.constant(int(Declared.DOCKED))
+WORKING = wp.constant(int(Declared.ACTIVE))
+LOST = wp.constant(int(Declared.LOST))
+
+ERROR_STATES = 15
+THETA, POSITION, VELOCITY, GYRO, ACCEL = (wp.constant(k) for k in (0, 3, 6, 9, 12))
+NO_SLOT = wp.constant(-1)
+SPARE_SLOTS = 3
+
+
+@wp.struct
+class Belief:
+    """Arrays over B teams and N robots, team frame (the first observer's start, z along gravity), SI units.
+
+    position, velocity, rotation, gyro_bias, accel_bias
+        (B, N) the 16 states of thesis eq (5.1), the attitude as R_team_body.
+    covariance
+        (B, 15 S, 15 S) of the errors (theta, p, v, b_g, b_a) of the robots in S filter slots, with R = Exp(theta) R_hat.
+    slot, slots
+        (B, N) each robot's slot or -1; (B,) how many slots are in use.
+    pose_covariance
+        (B, N) the (theta, p) block, kept after a robot left the filter.
+    declared, stationary
+        (B, N) a `Declared`; 1 where a robot stands still.
+    rest_s, unseen_s, silent_s
+        (B, N) since when it rests, no camera saw it, its radio or its balance is gone.
+    seen
+        (B, N, N) 1 where the pose that camera i gave of robot j in this decision passed the gate.
+    averaged
+        (B, N, N) sightings fused since the pair came to rest.
+    rejected
+        (B, N) sightings of the robot that failed the gate in a row.
+    tried_s, turn_tried, turn_felt, anchor
+        (B, N) since the last motion that was noticed: seconds of driving, turn by the wheels and by the gyro (rad), and
+        where that was (x, y).
+    battery
+        (B, N) remaining fraction.
+    marked, undock
+        (B, N) 1 where the loss was declared in this decision and marks a hazard; 1 where a reserve is called.
+    goal
+        (B,) x, y, radius, 1 if there is one.
+    clock
+        (B,) decisions since reset.
+    """
+
+    position: wp.array2d(dtype=wp.vec3d)
+    velocity: wp.array2d(dtype=wp.vec3d)
+    rotation: wp.array2d(dtype=wp.mat33d)
+    gyro_bias: wp.array2d(dtype=wp.vec3d)
+    accel_bias: wp.array2d(dtype=wp.vec3d)
+    covariance: wp.array3d(dtype=wp.float64)
+    slot: wp.array2d(dtype=int)
+    slots: wp.array(dtype=int)
+    pose_covariance: wp.array2d(dtype=mat66d)
+    declared: wp.array2d(dtype=int)
+    stationary: wp.array2d(dtype=int)
+    rest_s: wp.array2d(dtype=float)
+    unseen_s: wp.array2d(dtype=float)
+    silent_s: wp.array2d(dtype=float)
+    seen: wp.array3d(dtype=int)
+    averaged: wp.array3d(dtype=int)
+    rejected: wp.array2d(dtype=int)
+    tried_s: wp.array2d(dtype=float)
+    turn_tried: wp.array2d(dtype=float)
+    turn_felt: wp.array2d(dtype=float)
+    anchor: wp.array2d(dtype=wp.vec2)
+    battery: wp.array2d(dtype=float)
+    marked: wp.array2d(dtype=int)
+    undock: wp.array2d(dtype=int)
+    goal: wp.array(dtype=wp.vec4)
+    clock: wp.array(dtype=int)
+
+
+@wp.struct
+class MemberModel:
+    """What the estimator knows of one robot: IMU noise, wheels, camera mounting, size, whether it is a spare picket."""
+
+    gyro_noise: wp.float64
+    accel_noise: wp.float64
+    moving_gyro_noise: wp.float64
+    moving_accel_noise: wp.float64
+    gyro_bias: wp.float64
+    accel_bias: wp.float64
+    gyro_walk: wp.float64
+    accel_walk: wp.float64
+    wheel_radius: float
+    track: float
+    odometry_noise: float
+    R_body_camera: wp.mat33d
+    p_body_camera: wp.vec3d
+    contact_radius: float
+    body_radius: float
+    picket: int
+    reserve: int
+    camera: int
+
+
+def member_models(team: Team, device: str) -> wp.array:
+    """Pack what the estimator knows of each robot (N,)."""
+    models = []
+    for member in team.members:
+        model, robot, imu = MemberModel(), member.robot, member.robot.imu
+        model.gyro_noise, model.accel_noise = imu.gyro_noise_rad_s_rthz, imu.accel_noise_m_s2_rthz
+        model.moving_gyro_noise = imu.moving_gyro_noise_rad_s_rthz
+        model.moving_accel_noise = imu.moving_accel_noise_m_s2_rthz
+        model.gyro_bias, model.accel_bias = imu.gyro_bias_rad_s, imu.accel_bias_m_s2
+        model.gyro_walk, model.accel_walk = imu.gyro_walk_rad_s2_rthz, imu.accel_walk_m_s3_rthz
+        model.wheel_radius, model.track = robot.wheel_radius_m, robot.track_m
+        model.odometry_noise = robot.odometry_noise
+        model.contact_radius, model.body_radius = robot.contact_radius_m, robot.body_radius_m
+        model.picket, model.reserve = int(member.role == "picket"), int(member.reserve)
+        model.camera = int(member.camera is not None)
+        if member.camera is not None:
+            model.R_body_camera = wp.mat33d(*body_from_camera(member.camera.pitch_down_rad).ravel())
+            model.p_body_camera = wp.vec3d(*member.camera.position_m)
+        models.append(model)
+    return wp.array(models, dtype=MemberModel, device=device)
+
+
+def allocate_belief(team: Team, teams: int, device: str) -> Belief:
+    """Belief of nothing yet. The filter holds the robots at work and a few lost ones that serve as landmarks."""
+    n = len(team.members)
+    working = sum(not member.reserve for member in team.members)
+    size = ERROR_STATES * min(n, working + SPARE_SLOTS)
+    return allocate(Belief, (teams, n, n), device, covariance=(teams, size, size))

@@ -1,0 +1,236 @@
+"""IMU propagation of the team filter: robots that move integrate their IMU, robots that stand still keep their pose.
+
+Source: thesis section 5.2.2 (eqs 5.5, 5.6) with the error R = Exp(theta) R_hat; the transition over all ticks of a
+decision is built up tick by tick and applied to the covariance once.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from coop_envs.agents.command import Command
+from coop_envs.estimation.belief import GYRO, POSITION, THETA, VELOCITY, WAITING, Belief, MemberModel
+from coop_envs.estimation.joining import Prior, welcome
+from coop_envs.geometry.so3 import exp_so3, orthonormal
+from coop_envs.sensing.measurements import Measurements
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+
+STILL_RAD_S = wp.constant(1.0e-3)
+SHAKING_RAD_S = wp.constant(0.05)
+QUIET_GYRO = wp.constant(wp.float64(0.02))
+QUIET_ACCEL = wp.constant(wp.float64(0.25))
+
+
+@wp.struct
+class FilterModel:
+    """Settings of the filter; times in s, ``slip_*`` the random walk of a robot at rest per root second."""
+
+    tick_s: wp.float64
+    decision_s: float
+    rest_s: float
+    slip_position: wp.float64
+    slip_heading: wp.float64
+    odometry_scale: float
+
+
+@wp.struct
+class Transition:
+    """Blocks of the 15 x 15 error transition over a decision that are neither zero nor identity, and its length."""
+
+    theta_gyro: wp.mat33d
+    velocity_theta: wp.mat33d
+    velocity_gyro: wp.mat33d
+    velocity_accel: wp.mat33d
+    position_theta: wp.mat33d
+    position_gyro: wp.mat33d
+    position_accel: wp.mat33d
+    time: wp.float64
+    force: wp.vec3d
+
+
+@wp.func
+def integrate(belief: Belief, measured: Measurements, model: FilterModel, b: int, r: int) -> Transition:
+    """Integrate robot r's IMU over the decision, in place, and return the error transition."""
+    phi = Transition()
+    ticks = measured.gyro.shape[2]
+    dt = model.tick_s
+    half = wp.float64(0.5)
+    R = belief.rotation[b, r]
+    p = belief.position[b, r]
+    v = belief.velocity[b, r]
+    gravity = wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(-9.81))
+    for t in range(ticks):
+        force = R * (wp.vec3d(measured.accel[b, r, t]) - belief.accel_bias[b, r])
+        turn = (wp.vec3d(measured.gyro[b, r, t]) - belief.gyro_bias[b, r]) * dt
+        p = p + v * dt + (force + gravity) * (half * dt * dt)
+        v = v + (force + gravity) * dt
+        lever = wp.skew(force) * (-dt)
+        bend = lever * phi.theta_gyro
+        phi.position_theta = phi.position_theta + phi.velocity_theta * dt + lever * (half * dt)
+        phi.position_gyro = phi.position_gyro + phi.velocity_gyro * dt + bend * (half * dt)
+        phi.position_accel = phi.position_accel + phi.velocity_accel * dt - R * (half * dt * dt)
+        phi.velocity_theta = phi.velocity_theta + lever
+        phi.velocity_gyro = phi.velocity_gyro + bend
+        phi.velocity_accel = phi.velocity_accel - R * dt
+        phi.theta_gyro = phi.theta_gyro - R * dt
+        phi.force = phi.force + force / wp.float64(ticks)
+        R = R * exp_so3(turn)
+    phi.time = dt * wp.float64(ticks)
+    belief.position[b, r] = p
+    belief.velocity[b, r] = v
+    belief.rotation[b, r] = orthonormal(R)
+    return phi
+
+
+@wp.func
+def block3(P: wp.array3d(dtype=wp.float64), b: int, row: int, column: int) -> wp.vec3d:
+    """Three stacked entries of one column."""
+    return wp.vec3d(P[b, row, column], P[b, row + 1, column], P[b, row + 2, column])
+
+
+@wp.func
+def store3(P: wp.array3d(dtype=wp.float64), b: int, row: int, column: int, value: wp.vec3d):
+    for k in range(3):
+        P[b, row + k, column] = value[k]
+
+
+@wp.func
+def transform_column(P: wp.array3d(dtype=wp.float64), b: int, row: int, column: int, phi: Transition):
+    """Multiply the 15 entries of one column that belong to a robot by its transition."""
+    theta = block3(P, b, row, column)
+    p = block3(P, b, row + 3, column)
+    v = block3(P, b, row + 6, column)
+    gyro = block3(P, b, row + 9, column)
+    accel = block3(P, b, row + 12, column)
+    store3(P, b, row, column, theta + phi.theta_gyro * gyro)
+    p = p + v * phi.time + phi.position_theta * theta + phi.position_gyro * gyro + phi.position_accel * accel
+    store3(P, b, row + 3, column, p)
+    v = v + phi.velocity_theta * theta + phi.velocity_gyro * gyro + phi.velocity_accel * accel
+    store3(P, b, row + 6, column, v)
+
+
+@wp.func
+def transpose_block(P: wp.array3d(dtype=wp.float64), b: int, row: int):
+    """Transpose the 15 x 15 diagonal block at ``row`` in place."""
+    for i in range(15):
+        for j in range(i):
+            upper = P[b, row + j, row + i]
+            P[b, row + j, row + i] = P[b, row + i, row + j]
+            P[b, row + i, row + j] = upper
+
+
+@wp.func
+def propagate_covariance(belief: Belief, b: int, slot: int, phi: Transition):
+    """P = Phi P Phi^T for one robot's transition, the other robots standing."""
+    P = belief.covariance
+    row = 15 * slot
+    size = 15 * belief.slots[b]
+    for c in range(size):
+        transform_column(P, b, row, c, phi)
+    transpose_block(P, b, row)
+    for c in range(15):
+        transform_column(P, b, row, row + c, phi)
+    for c in range(size):
+        if c < row or c >= row + 15:
+            for k in range(15):
+                P[b, c, row + k] = P[b, row + k, c]
+
+
+@wp.func
+def add_block(P: wp.array3d(dtype=wp.float64), b: int, row: int, column: int, block: wp.mat33d):
+    """Add a block and, off the diagonal, its transpose across it."""
+    for i in range(3):
+        for j in range(3):
+            P[b, row + i, column + j] = P[b, row + i, column + j] + block[i, j]
+            if row != column:
+                P[b, column + j, row + i] = P[b, column + j, row + i] + block[i, j]
+
+
+@wp.func
+def add_noise(belief: Belief, member: MemberModel, b: int, slot: int, phi: Transition, shake: wp.float64):
+    """Add the integral of white IMU noise and bias walk over the decision, the force taken as constant."""
+    P = belief.covariance
+    row = 15 * slot
+    t = phi.time
+    t2 = t * t
+    t3 = t2 * t
+    eye = wp.identity(n=3, dtype=wp.float64)
+    gyro = member.gyro_noise + shake * member.moving_gyro_noise
+    accel = member.accel_noise + shake * member.moving_accel_noise
+    g = gyro * gyro
+    a = accel * accel
+    lever = wp.skew(phi.force)
+    lever2 = lever * wp.transpose(lever)
+    add_block(P, b, row + THETA, row + THETA, eye * (g * t))
+    add_block(P, b, row + VELOCITY, row + THETA, lever * (-g * t2 / wp.float64(2.0)))
+    add_block(P, b, row + POSITION, row + THETA, lever * (-g * t3 / wp.float64(6.0)))
+    add_block(P, b, row + VELOCITY, row + VELOCITY, eye * (a * t) + lever2 * (g * t3 / wp.float64(3.0)))
+    add_block(P, b, row + POSITION, row + VELOCITY, eye * (a * t2 / wp.float64(2.0)) + lever2 * (g * t3 * t / wp.float64(8.0)))
+    add_block(P, b, row + POSITION, row + POSITION, eye * (a * t3 / wp.float64(3.0)) + lever2 * (g * t3 * t2 / wp.float64(20.0)))
+    add_block(P, b, row + GYRO, row + GYRO, eye * (member.gyro_walk * member.gyro_walk * t))
+    add_block(P, b, row + GYRO + 3, row + GYRO + 3, eye * (member.accel_walk * member.accel_walk * t))
+
+
+@wp.func
+def add_diagonal(P: wp.array3d(dtype=wp.float64), b: int, row: int, extra: wp.float64):
+    """Add the same variance to three diagonal entries."""
+    for k in range(3):
+        P[b, row + k, row + k] = P[b, row + k, row + k] + extra
+
+
+@wp.func
+def rests(belief: Belief, command: Command, measured: Measurements, b: int, r: int) -> bool:
+    """Whether a robot was told to stand, its wheels stood and its IMU was quiet for the whole decision."""
+    wheels = measured.wheels[b, r]
+    if wp.length(command.wheels[b, r]) > STILL_RAD_S or wp.length(wheels) > STILL_RAD_S:
+        return False
+    ticks = measured.gyro.shape[2]
+    turn = wp.vec3d()
+    force = wp.vec3d()
+    for t in range(ticks):
+        turn = turn + wp.vec3d(measured.gyro[b, r, t])
+        force = force + wp.vec3d(measured.accel[b, r, t])
+    turn = turn / wp.float64(ticks) - belief.gyro_bias[b, r]
+    force = force / wp.float64(ticks) - belief.accel_bias[b, r]
+    return wp.length(turn) < QUIET_GYRO and wp.abs(wp.length(force) - wp.float64(9.81)) < QUIET_ACCEL
+
+
+@wp.kernel
+def propagate(
+    belief: Belief, command: Command, measured: Measurements, prior: Prior, members: wp.array(dtype=MemberModel),
+    model: FilterModel, running: wp.array(dtype=int),
+):  # fmt: skip
+    """Carry the belief of every running team over one decision."""
+    b = wp.tid()
+    if running[b] == 0:
+        return
+    welcome(belief, prior, measured, members, b)
+    belief.clock[b] = belief.clock[b] + 1
+    for r in range(members.shape[0]):
+        slot = belief.slot[b, r]
+        if slot >= 0 and measured.heard[b, r] == 1 and belief.declared[b, r] != WAITING:
+            if rests(belief, command, measured, b, r):
+                belief.rest_s[b, r] = belief.rest_s[b, r] + model.decision_s
+            else:
+                belief.rest_s[b, r] = 0.0
+            still = int(belief.rest_s[b, r] >= model.rest_s)
+            if still == 0 or belief.stationary[b, r] == 0:
+                for j in range(members.shape[0]):
+                    belief.averaged[b, r, j] = 0
+                    belief.averaged[b, j, r] = 0
+            belief.stationary[b, r] = still
+            if still == 1:
+                slip = model.slip_position * model.slip_position * wp.float64(model.decision_s)
+                row = 15 * slot
+                add_diagonal(belief.covariance, b, row + POSITION, slip)
+                yaw = row + THETA + 2
+                turn = model.slip_heading * model.slip_heading * wp.float64(model.decision_s)
+                belief.covariance[b, yaw, yaw] = belief.covariance[b, yaw, yaw] + turn
+            else:
+                phi = integrate(belief, measured, model, b, r)
+                shake = wp.float64(0.0)
+                if wp.length(measured.wheels[b, r]) > SHAKING_RAD_S:
+                    shake = wp.float64(1.0)
+                propagate_covariance(belief, b, slot, phi)
+                add_noise(belief, members[r], b, slot, phi, shake)

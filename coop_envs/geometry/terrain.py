@@ -1,0 +1,183 @@
+"""Ground heights and ray casts over a batch of worlds, each a height field or a height field with a mesh over it.
+
+Heights are linear on two triangles a cell, split along the diagonal between nodes (i, j+1) and (i+1, j), so a ray's
+first crossing is exact. A world's rays meet its mesh (BVH) where it has one, else the height field.
+
+Source (grid traversal): Amanatides, Woo, "A fast voxel traversal algorithm for ray tracing", Eurographics 1987.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+
+NO_GROUND_M = -1000.0
+NO_GROUND = wp.constant(NO_GROUND_M)
+MISS = wp.constant(-1.0)
+
+
+@wp.struct
+class Terrain:
+    """All worlds: heights of world w start at ``offset[w]``, row-major (x, y); ``mesh[w]`` is 0 where there is none."""
+
+    heights: wp.array(dtype=float)
+    offset: wp.array(dtype=int)
+    shape: wp.array(dtype=wp.vec2i)
+    origin: wp.array(dtype=wp.vec2)
+    cell: wp.array(dtype=float)
+    mesh: wp.array(dtype=wp.uint64)
+
+
+@wp.func
+def corner_heights(terrain: Terrain, w: int, i: int, j: int) -> wp.vec4:
+    """Heights at (i, j), (i, j+1), (i+1, j), (i+1, j+1)."""
+    ny = terrain.shape[w][1]
+    k = terrain.offset[w] + i * ny + j
+    return wp.vec4(
+        terrain.heights[k], terrain.heights[k + 1], terrain.heights[k + ny], terrain.heights[k + ny + 1]
+    )
+
+
+@wp.func
+def in_cell(h: wp.vec4, u: float, v: float) -> float:
+    """Height at (u, v) within a cell with these corners, u and v in [0, 1]."""
+    if u + v <= 1.0:
+        return h[0] + (h[2] - h[0]) * u + (h[1] - h[0]) * v
+    return h[3] + (h[1] - h[3]) * (1.0 - u) + (h[2] - h[3]) * (1.0 - v)
+
+
+@wp.func
+def ground_height(terrain: Terrain, w: int, x: float, y: float) -> float:
+    """Height of the ground at (x, y) in metres, NO_GROUND beyond the world's edge."""
+    n = terrain.shape[w]
+    gx = (x - terrain.origin[w][0]) / terrain.cell[w]
+    gy = (y - terrain.origin[w][1]) / terrain.cell[w]
+    if gx < 0.0 or gy < 0.0 or gx > float(n[0] - 1) or gy > float(n[1] - 1):
+        return NO_GROUND
+    i = wp.min(int(gx), n[0] - 2)
+    j = wp.min(int(gy), n[1] - 2)
+    return in_cell(corner_heights(terrain, w, i, j), gx - float(i), gy - float(j))
+
+
+@wp.func
+def crossing(t0: float, f0: float, t1: float, f1: float) -> float:
+    """Where a function linear in t falls to zero within [t0, t1], MISS where it stays above."""
+    if f0 <= 0.0:
+        return t0
+    if f1 > 0.0:
+        return MISS
+    return t0 + (t1 - t0) * f0 / (f0 - f1)
+
+
+@wp.func
+def cell_crossing(h: wp.vec4, p0: wp.vec3, p1: wp.vec3, t0: float, t1: float) -> float:
+    """First crossing of the surface by the segment p0-p1 (cell units in x and y) inside one cell, MISS where none."""
+    f0 = p0[2] - in_cell(h, p0[0], p0[1])
+    f1 = p1[2] - in_cell(h, p1[0], p1[1])
+    s0 = p0[0] + p0[1] - 1.0
+    s1 = p1[0] + p1[1] - 1.0
+    if s0 * s1 < 0.0:
+        k = s0 / (s0 - s1)
+        pm = p0 + (p1 - p0) * k
+        fm = pm[2] - in_cell(h, pm[0], 1.0 - pm[0])
+        tm = t0 + (t1 - t0) * k
+        t = crossing(t0, f0, tm, fm)
+        if t >= 0.0:
+            return t
+        return crossing(tm, fm, t1, f1)
+    return crossing(t0, f0, t1, f1)
+
+
+@wp.func
+def cast_height_field(terrain: Terrain, w: int, start: wp.vec3, direction: wp.vec3, limit: float) -> float:
+    n = terrain.shape[w]
+    inverse = 1.0 / terrain.cell[w]
+    gx = (start[0] - terrain.origin[w][0]) * inverse
+    gy = (start[1] - terrain.origin[w][1]) * inverse
+    dx = direction[0] * inverse
+    dy = direction[1] * inverse
+    t = float(0.0)
+    far = limit
+    if dx == 0.0:
+        if gx < 0.0 or gx > float(n[0] - 1):
+            return MISS
+    else:
+        a = -gx / dx
+        b = (float(n[0] - 1) - gx) / dx
+        t = wp.max(t, wp.min(a, b))
+        far = wp.min(far, wp.max(a, b))
+    if dy == 0.0:
+        if gy < 0.0 or gy > float(n[1] - 1):
+            return MISS
+    else:
+        a = -gy / dy
+        b = (float(n[1] - 1) - gy) / dy
+        t = wp.max(t, wp.min(a, b))
+        far = wp.min(far, wp.max(a, b))
+    i = wp.clamp(int(wp.floor(gx + dx * t)), 0, n[0] - 2)
+    j = wp.clamp(int(wp.floor(gy + dy * t)), 0, n[1] - 2)
+    step_i = int(1)
+    step_j = int(1)
+    next_x = float(1.0e30)
+    next_y = float(1.0e30)
+    delta_x = float(1.0e30)
+    delta_y = float(1.0e30)
+    if dx > 0.0:
+        next_x = (float(i + 1) - gx) / dx
+        delta_x = 1.0 / dx
+    if dx < 0.0:
+        step_i = -1
+        next_x = (float(i) - gx) / dx
+        delta_x = -1.0 / dx
+    if dy > 0.0:
+        next_y = (float(j + 1) - gy) / dy
+        delta_y = 1.0 / dy
+    if dy < 0.0:
+        step_j = -1
+        next_y = (float(j) - gy) / dy
+        delta_y = -1.0 / dy
+    while t <= far and i >= 0 and j >= 0 and i < n[0] - 1 and j < n[1] - 1:
+        leave = wp.max(t, wp.min(wp.min(next_x, next_y), far))
+        h = corner_heights(terrain, w, i, j)
+        z0 = start[2] + direction[2] * t
+        z1 = start[2] + direction[2] * leave
+        if wp.min(z0, z1) <= wp.max(wp.max(h[0], h[1]), wp.max(h[2], h[3])):
+            p0 = wp.vec3(gx + dx * t - float(i), gy + dy * t - float(j), z0)
+            p1 = wp.vec3(gx + dx * leave - float(i), gy + dy * leave - float(j), z1)
+            hit = cell_crossing(h, p0, p1, t, leave)
+            if hit >= 0.0:
+                return hit
+        if leave >= far:
+            return MISS
+        t = leave
+        if next_x < next_y:
+            i = i + step_i
+            next_x = next_x + delta_x
+        else:
+            j = j + step_j
+            next_y = next_y + delta_y
+    return MISS
+
+
+@wp.func
+def cast_ray(terrain: Terrain, w: int, start: wp.vec3, direction: wp.vec3, limit: float) -> float:
+    """Distance in metres along a unit direction to the first surface within the limit, MISS (-1) where none."""
+    if terrain.mesh[w] != wp.uint64(0):
+        query = wp.mesh_query_ray(terrain.mesh[w], start, direction, limit)
+        if query.result:
+            return query.t
+        return MISS
+    return cast_height_field(terrain, w, start, direction, limit)
+
+
+@wp.func
+def blocked(terrain: Terrain, w: int, a: wp.vec3, b: wp.vec3, slack: float) -> bool:
+    """Whether a surface lies between two points, the last `slack` metres before b not counted."""
+    d = b - a
+    length = wp.length(d)
+    if length <= slack:
+        return False
+    if terrain.mesh[w] != wp.uint64(0):
+        return wp.mesh_query_ray_anyhit(terrain.mesh[w], a, d / length, length - slack)
+    return cast_height_field(terrain, w, a, d / length, length - slack) >= 0.0

@@ -1,0 +1,1 @@
+"""What the team knows of the ground: proven, hazardous, blocked; and ways over it."""

@@ -1,0 +1,158 @@
+"""The team's map: log-odds, cell by cell, that the ground carries robots and that something stands in the way.
+
+Ground is proven by robots passing over it (thesis section 2.2.4) and called hazardous around a robot that got stuck;
+later passes may prove it after all (section 2.3 asks for that). Cells are counted in the team frame.
+"""
+
+from __future__ import annotations
+
+import math
+
+import warp as wp
+
+from coop_envs.geometry.arrays import allocate
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+
+LOG_ODDS_SCALE = 16.0
+LOG_ODDS = wp.constant(LOG_ODDS_SCALE)
+LIMIT = wp.constant(112)
+PASSED = wp.constant(56)
+STUCK_HERE = wp.constant(-72)
+STUCK_NEAR = wp.constant(-32)
+GROUND, OBSTACLE = wp.constant(0), wp.constant(1)
+LAYERS = 2
+FIRST_STEP_M = wp.constant(0.02)
+SIGMAS = wp.constant(2.0)
+
+
+@wp.struct
+class GroundMap:
+    """Maps of B teams, C = nx ny cells each, row-major (x, y).
+
+    log_odds
+        (B, 2, C) of "the ground carries robots" and of "something stands here", in sixteenths.
+    corner
+        (B,) lower corner in the team frame (m).
+    proven_at
+        (B, N) x, y, 1 where a robot's footprint was last entered.
+    changes, change_count
+        (B, K) layer, cell, old and new value of what this decision changed; (B,) how many.
+    """
+
+    log_odds: wp.array3d(dtype=wp.int8)
+    corner: wp.array(dtype=wp.vec2)
+    proven_at: wp.array2d(dtype=wp.vec3)
+    changes: wp.array2d(dtype=wp.vec4i)
+    change_count: wp.array(dtype=int)
+
+
+@wp.struct
+class MapModel:
+    """Cells along x and y, their size (m), and the radius of ground called hazardous around a stuck robot."""
+
+    nx: int
+    ny: int
+    cell: float
+    mark_radius: float
+
+
+@wp.struct
+class Footprint:
+    """A robot on the map: place, uncertainty (m), radii, and whether it proves ground, marks it, or neither."""
+
+    x: float
+    y: float
+    sigma: float
+    contact_radius: float
+    body_radius: float
+    proves: int
+    marks: int
+
+
+def allocate_map(teams: int, robots: int, model: MapModel, reach_m: float, device: str) -> GroundMap:
+    """Maps of nothing yet; ``reach_m`` is the largest radius that a robot changes around itself."""
+    side = 2 * math.ceil(reach_m / model.cell) + 3
+    changes = (teams, robots * LAYERS * side * side)
+    log_odds = (teams, LAYERS, model.nx * model.ny)
+    return allocate(GroundMap, (teams, robots), device, log_odds=log_odds, changes=changes)
+
+
+@wp.func
+def add_evidence(ground: GroundMap, b: int, layer: int, cell: int, evidence: int):
+    """Add log-odds to one cell and note the change."""
+    old = int(ground.log_odds[b, layer, cell])
+    new = wp.clamp(old + evidence, -LIMIT, LIMIT)
+    if new != old:
+        ground.log_odds[b, layer, cell] = wp.int8(new)
+        k = ground.change_count[b]
+        if k < ground.changes.shape[1]:
+            ground.changes[b, k] = wp.vec4i(layer, cell, old, new)
+            ground.change_count[b] = k + 1
+
+
+@wp.func
+def stamp(
+    ground: GroundMap, model: MapModel, b: int, layer: int, at: wp.vec2, radius: float, besides: wp.vec2, beside: float,
+    evidence: int,
+):  # fmt: skip
+    """Add evidence to every cell whose centre is within ``radius`` of a point, but not within ``beside`` of another."""
+    corner = ground.corner[b]
+    i0 = wp.max(int(wp.floor((at[0] - radius - corner[0]) / model.cell)), 0)
+    j0 = wp.max(int(wp.floor((at[1] - radius - corner[1]) / model.cell)), 0)
+    i1 = wp.min(int(wp.floor((at[0] + radius - corner[0]) / model.cell)), model.nx - 1)
+    j1 = wp.min(int(wp.floor((at[1] + radius - corner[1]) / model.cell)), model.ny - 1)
+    for i in range(i0, i1 + 1):
+        for j in range(j0, j1 + 1):
+            centre = corner + wp.vec2((float(i) + 0.5) * model.cell, (float(j) + 0.5) * model.cell)
+            if wp.length(centre - at) <= radius and wp.length(centre - besides) > beside:
+                add_evidence(ground, b, layer, i * model.ny + j, evidence)
+
+
+@wp.func
+def draw_footprint(ground: GroundMap, model: MapModel, b: int, r: int, foot: Footprint):
+    """Enter what one robot's whereabouts tell: ground it passed, or the hazard that holds it.
+
+    Only cells that its contact disc covers for sure (less two sigma) and did not cover at its last entry are counted,
+    so standing still proves nothing.
+    """
+    at = wp.vec2(foot.x, foot.y)
+    nowhere = wp.vec2(1.0e9, 1.0e9)
+    if foot.proves == 1:
+        last = ground.proven_at[b, r]
+        before = wp.vec2(last[0], last[1])
+        if last[2] == 0.0:
+            before = nowhere
+        if wp.length(at - before) > FIRST_STEP_M:
+            contact = foot.contact_radius - SIGMAS * foot.sigma
+            body = foot.body_radius - SIGMAS * foot.sigma
+            if contact > 0.0:
+                stamp(ground, model, b, GROUND, at, contact, before, contact, PASSED)
+            if body > 0.0:
+                stamp(ground, model, b, OBSTACLE, at, body, before, body, -PASSED)
+            ground.proven_at[b, r] = wp.vec3(foot.x, foot.y, 1.0)
+    if foot.marks == 1:
+        core = foot.contact_radius + foot.sigma
+        stamp(ground, model, b, GROUND, at, core, nowhere, 0.0, STUCK_HERE)
+        stamp(ground, model, b, GROUND, at, model.mark_radius + foot.sigma, at, core, STUCK_NEAR)
+
+
+@wp.func
+def probability(log_odds: wp.int8) -> float:
+    """Probability of a cell's statement."""
+    return 1.0 / (1.0 + wp.exp(-float(log_odds) / LOG_ODDS))
+
+
+@wp.kernel
+def clear_map(ground: GroundMap, corner: wp.array(dtype=wp.vec2), chosen: wp.array(dtype=int)):
+    """Forget the maps of the chosen teams and put their lower corners."""
+    b = wp.tid()
+    ground.change_count[b] = 0
+    if chosen[b] == 0:
+        return
+    ground.corner[b] = corner[b]
+    for layer in range(ground.log_odds.shape[1]):
+        for c in range(ground.log_odds.shape[2]):
+            ground.log_odds[b, layer, c] = wp.int8(0)
+    for r in range(ground.proven_at.shape[1]):
+        ground.proven_at[b, r] = wp.vec3(0.0, 0.0, 0.0)

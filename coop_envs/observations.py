@@ -1,0 +1,344 @@
+"""What a policy sees: a function of belief and map alone, the same in simulation and on robots.
+
+Each agent gets ``self`` (26,), ``mates`` (7, 16) nearest first with ``mask`` (7,), and ``map`` (3, 16, 16), an
+ego-centred window of the team's map that is not turned with the robot, so that windows fit together. Entries are
+divided by the scales in `SELF_FIELDS` and `MATE_FIELDS`; ``value = entry * scale`` in the unit given there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from coop_envs.estimation.belief import LOST, WAITING, WORKING, Belief, MemberModel
+from coop_envs.estimation.declaring import position_sigma
+from coop_envs.geometry.so3 import heading
+from coop_envs.mapping.ground_map import GROUND, OBSTACLE, GroundMap, MapModel, probability
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+
+MATES = 7
+WINDOW = 16
+MAP_LAYERS = ("ground", "obstacle", "robots")
+
+
+@dataclass(frozen=True)
+class Field:
+    """One entry of an observation: value in ``unit`` = entry x ``scale``."""
+
+    name: str
+    unit: str
+    scale: float
+    meaning: str
+
+
+SELF_FIELDS = (
+    Field("role_observer", "1", 1.0, "1 for an observer"),
+    Field("role_picket", "1", 1.0, "1 for a picket"),
+    Field("x", "m", 2.0, "position in the team frame"),
+    Field("y", "m", 2.0, "position in the team frame"),
+    Field("z", "m", 0.5, "position in the team frame"),
+    Field("cos_yaw", "1", 1.0, "heading in the team frame"),
+    Field("sin_yaw", "1", 1.0, "heading in the team frame"),
+    Field("pitch", "rad", 0.5, "nose up"),
+    Field("roll", "rad", 0.5, "left side up"),
+    Field("forward_speed", "m/s", 0.5, "along the body"),
+    Field("yaw_rate", "rad/s", 2.0, "by the gyro, mean over the decision"),
+    Field("log_sigma_position", "ln m", 5.0, "standard deviation of the position"),
+    Field("log_sigma_heading", "ln rad", 5.0, "standard deviation of the heading"),
+    Field("stationary", "1", 1.0, "1 while it stands still by the filter's verdict"),
+    Field("battery", "1", 1.0, "remaining fraction"),
+    Field("docked", "1", 1.0, "1 for a reserve in its dock: its actions are ignored"),
+    Field("stuck_suspicion", "1", 1.0, "0 while its motion is noticed, 1 when it is about to be declared lost"),
+    Field("has_camera", "1", 1.0, "1 with a camera"),
+    Field("mates_in_view", "1", 7.0, "how many hats its camera sees"),
+    Field("goal_known", "1", 1.0, "1 where the task has a goal"),
+    Field("goal_x", "m", 2.0, "goal ahead, own axes"),
+    Field("goal_y", "m", 2.0, "goal to the left, own axes"),
+    Field("time_left", "1", 1.0, "fraction of the time limit"),
+    Field("reserves_left", "1", 8.0, "robots still in the dock"),
+    Field("map_x", "m", 2.0, "lower corner of the map window in the team frame"),
+    Field("map_y", "m", 2.0, "lower corner of the map window in the team frame"),
+)
+MATE_FIELDS = (
+    Field("role_observer", "1", 1.0, "1 for an observer"),
+    Field("role_picket", "1", 1.0, "1 for a picket"),
+    Field("x", "m", 2.0, "ahead, in the axes of the agent that observes"),
+    Field("y", "m", 2.0, "to the left, in the axes of the agent that observes"),
+    Field("z", "m", 0.5, "above, in the axes of the agent that observes"),
+    Field("cos_yaw", "1", 1.0, "heading relative to the agent that observes"),
+    Field("sin_yaw", "1", 1.0, "heading relative to the agent that observes"),
+    Field("log_sigma_position", "ln m", 5.0, "standard deviation of its position in the team frame"),
+    Field("log_sigma_heading", "ln rad", 5.0, "standard deviation of its heading in the team frame"),
+    Field("stationary", "1", 1.0, "1 while it stands still by the filter's verdict"),
+    Field("lost", "1", 1.0, "1 once declared lost; a stuck robot is a landmark as long as its hat is lit"),
+    Field("docked", "1", 1.0, "1 for a reserve in its dock"),
+    Field("sees_me", "1", 1.0, "1 if its camera gave my pose in this decision"),
+    Field("i_see", "1", 1.0, "1 if my camera gave its pose in this decision"),
+    Field("distance", "m", 2.0, "between the two"),
+    Field("speed", "m/s", 0.5, "of its body"),
+)
+SELF_SIZE, MATE_SIZE = len(SELF_FIELDS), len(MATE_FIELDS)
+_SELF_INDEX = {field.name: k for k, field in enumerate(SELF_FIELDS)}
+_MATE_INDEX = {field.name: k for k, field in enumerate(MATE_FIELDS)}
+
+
+def self_field(observation: dict[str, NDArray[Any]], name: str) -> float:
+    """An entry of ``self`` in its unit."""
+    k = _SELF_INDEX[name]
+    return float(observation["self"][k]) * SELF_FIELDS[k].scale
+
+
+def mate_field(observation: dict[str, NDArray[Any]], name: str) -> NDArray[np.float32]:
+    """An entry of all ``mates`` (7,) in its unit."""
+    k = _MATE_INDEX[name]
+    return observation["mates"][:, k] * np.float32(MATE_FIELDS[k].scale)
+
+
+def observation_space() -> spaces.Dict:
+    """The space of one agent's observation, the same for all."""
+    far = np.finfo(np.float32).max
+    return spaces.Dict(
+        {
+            "self": spaces.Box(-far, far, (SELF_SIZE,), np.float32),
+            "mates": spaces.Box(-far, far, (MATES, MATE_SIZE), np.float32),
+            "mask": spaces.Box(0, 1, (MATES,), np.int8),
+            "map": spaces.Box(0, 255, (len(MAP_LAYERS), WINDOW, WINDOW), np.uint8),
+        }
+    )
+
+
+def describe() -> dict[str, Any]:
+    """Names, units and scales of every entry, in order, as plain data."""
+
+    def rows(fields: tuple[Field, ...]) -> list[dict[str, Any]]:
+        return [{"name": f.name, "unit": f.unit, "scale": f.scale, "meaning": f.meaning} for f in fields]
+
+    layers = {"ground": "P(ground carries robots) x 255", "obstacle": "P(something stands here) x 255"}
+    layers["robots"] = "255 a robot at work, 160 a lost one, 0 none"
+    return {"self": rows(SELF_FIELDS), "mates": rows(MATE_FIELDS), "mask": "1 where a mate is", "map": layers}
+
+
+@wp.struct
+class Observations:
+    """Arrays over B teams and N robots, as the policy gets them.
+
+    ``self`` is called ``own`` here, and the rows of a map window follow each other in one axis: Warp has four at most.
+    """
+
+    own: wp.array3d(dtype=float)
+    mates: wp.array4d(dtype=float)
+    mask: wp.array3d(dtype=wp.int8)
+    map: wp.array4d(dtype=wp.uint8)
+
+
+@wp.struct
+class ViewModel:
+    """Map window: cells of the team's map to one of the window; time limit and decision length (s); stuck time (s)."""
+
+    stride: int
+    time_limit: float
+    decision: float
+    stuck: float
+
+
+@wp.func
+def heading_sigma(belief: Belief, b: int, r: int) -> float:
+    return wp.sqrt(wp.max(float(belief.pose_covariance[b, r][2, 2]), 0.0))
+
+
+@wp.func
+def log_sigma(sigma: float) -> float:
+    """Natural logarithm of a standard deviation, from 1e-6 up, over its scale."""
+    return wp.log(wp.max(sigma, 1.0e-6)) / 5.0
+
+
+@wp.func
+def window_corner(ground: GroundMap, model: MapModel, stride: int, b: int, x: float, y: float) -> wp.vec2i:
+    """First cell of the window around (x, y), a multiple of the stride."""
+    c = ground.corner[b]
+    side = model.cell * float(stride)
+    i = int(wp.floor((x - c[0]) / side)) - 8
+    j = int(wp.floor((y - c[1]) / side)) - 8
+    return wp.vec2i(i * stride, j * stride)
+
+
+@wp.func
+def window_value(ground: GroundMap, model: MapModel, stride: int, b: int, layer: int, i0: int, j0: int) -> int:
+    """Probability times 255 of one window cell: of its map cells the likeliest hazard or obstacle, else their mean."""
+    total = float(0.0)
+    worst = float(0.5)
+    for di in range(stride):
+        for dj in range(stride):
+            p = float(0.5)
+            i = i0 + di
+            j = j0 + dj
+            if i >= 0 and j >= 0 and i < model.nx and j < model.ny:
+                p = probability(ground.log_odds[b, layer, i * model.ny + j])
+            total = total + p
+            bad = p
+            if layer == GROUND:
+                bad = 1.0 - p
+            worst = wp.max(worst, bad)
+    p = total / float(stride * stride)
+    if worst > 0.6:
+        p = worst
+        if layer == GROUND:
+            p = 1.0 - worst
+    return int(wp.floor(p * 255.0 + 0.5))
+
+
+@wp.func
+def draw_window(
+    belief: Belief, ground: GroundMap, model: MapModel, view: ViewModel, members: wp.array(dtype=MemberModel),
+    out: Observations, b: int, r: int, corner: wp.vec2i,
+):  # fmt: skip
+    for i in range(WINDOW):
+        for j in range(WINDOW):
+            i0 = corner[0] + i * view.stride
+            j0 = corner[1] + j * view.stride
+            out.map[b, r, 0, WINDOW * i + j] = wp.uint8(window_value(ground, model, view.stride, b, GROUND, i0, j0))
+            out.map[b, r, 1, WINDOW * i + j] = wp.uint8(window_value(ground, model, view.stride, b, OBSTACLE, i0, j0))
+            out.map[b, r, 2, WINDOW * i + j] = wp.uint8(0)
+    side = model.cell * float(view.stride)
+    for o in range(members.shape[0]):
+        if belief.declared[b, o] != WAITING:
+            p = belief.position[b, o]
+            x = float(p[0]) - ground.corner[b][0] - float(corner[0]) * model.cell
+            y = float(p[1]) - ground.corner[b][1] - float(corner[1]) * model.cell
+            reach = wp.max(members[o].body_radius, 0.5 * side)
+            value = wp.uint8(255)
+            if belief.declared[b, o] == LOST:
+                value = wp.uint8(160)
+            i1 = wp.clamp(int(wp.floor((x + reach) / side)), -1, WINDOW - 1)
+            j1 = wp.clamp(int(wp.floor((y + reach) / side)), -1, WINDOW - 1)
+            for i in range(wp.max(int(wp.floor((x - reach) / side)), 0), i1 + 1):
+                for j in range(wp.max(int(wp.floor((y - reach) / side)), 0), j1 + 1):
+                    dx = (float(i) + 0.5) * side - x
+                    dy = (float(j) + 0.5) * side - y
+                    if dx * dx + dy * dy <= reach * reach:
+                        out.map[b, r, 2, WINDOW * i + j] = value
+
+
+@wp.func
+def draw_self(
+    belief: Belief, view: ViewModel, members: wp.array(dtype=MemberModel), out: Observations, rate: float, b: int, r: int,
+    corner: wp.vec2,
+):  # fmt: skip
+    n = members.shape[0]
+    p = belief.position[b, r]
+    R = belief.rotation[b, r]
+    yaw = heading(R)
+    c = float(wp.cos(yaw))
+    s = float(wp.sin(yaw))
+    v = wp.transpose(R) * belief.velocity[b, r]
+    seen = float(0.0)
+    waiting = float(0.0)
+    for o in range(n):
+        seen = seen + float(belief.seen[b, r, o])
+        if belief.declared[b, o] == WAITING:
+            waiting = waiting + 1.0
+    goal = belief.goal[b]
+    gx = goal[0] - float(p[0])
+    gy = goal[1] - float(p[1])
+    own = out.own
+    own[b, r, 0] = float(1 - members[r].picket)
+    own[b, r, 1] = float(members[r].picket)
+    own[b, r, 2] = float(p[0]) / 2.0
+    own[b, r, 3] = float(p[1]) / 2.0
+    own[b, r, 4] = float(p[2]) / 0.5
+    own[b, r, 5] = c
+    own[b, r, 6] = s
+    own[b, r, 7] = wp.asin(wp.clamp(float(R[2, 0]), -1.0, 1.0)) / 0.5
+    own[b, r, 8] = wp.asin(wp.clamp(float(R[2, 1]), -1.0, 1.0)) / 0.5
+    own[b, r, 9] = float(v[0]) / 0.5
+    own[b, r, 10] = rate / 2.0
+    own[b, r, 11] = log_sigma(position_sigma(belief, b, r))
+    own[b, r, 12] = log_sigma(heading_sigma(belief, b, r))
+    own[b, r, 13] = float(belief.stationary[b, r])
+    own[b, r, 14] = belief.battery[b, r]
+    own[b, r, 15] = float(belief.declared[b, r] == WAITING)
+    own[b, r, 16] = wp.min(belief.tried_s[b, r] / view.stuck, 1.0)
+    own[b, r, 17] = float(members[r].camera)
+    own[b, r, 18] = seen / 7.0
+    own[b, r, 19] = goal[3]
+    own[b, r, 20] = goal[3] * (c * gx + s * gy) / 2.0
+    own[b, r, 21] = goal[3] * (c * gy - s * gx) / 2.0
+    own[b, r, 22] = 1.0 - float(belief.clock[b]) * view.decision / view.time_limit
+    own[b, r, 23] = waiting / 8.0
+    own[b, r, 24] = corner[0] / 2.0
+    own[b, r, 25] = corner[1] / 2.0
+
+
+@wp.func
+def draw_mate(belief: Belief, members: wp.array(dtype=MemberModel), out: Observations, b: int, r: int, m: int, o: int):
+    R = belief.rotation[b, r]
+    d = wp.transpose(R) * (belief.position[b, o] - belief.position[b, r])
+    yaw = heading(belief.rotation[b, o]) - heading(R)
+    mates = out.mates
+    mates[b, r, m, 0] = float(1 - members[o].picket)
+    mates[b, r, m, 1] = float(members[o].picket)
+    mates[b, r, m, 2] = float(d[0]) / 2.0
+    mates[b, r, m, 3] = float(d[1]) / 2.0
+    mates[b, r, m, 4] = float(d[2]) / 0.5
+    mates[b, r, m, 5] = float(wp.cos(yaw))
+    mates[b, r, m, 6] = float(wp.sin(yaw))
+    mates[b, r, m, 7] = log_sigma(position_sigma(belief, b, o))
+    mates[b, r, m, 8] = log_sigma(heading_sigma(belief, b, o))
+    mates[b, r, m, 9] = float(belief.stationary[b, o])
+    mates[b, r, m, 10] = float(belief.declared[b, o] == LOST)
+    mates[b, r, m, 11] = float(belief.declared[b, o] == WAITING)
+    mates[b, r, m, 12] = float(belief.seen[b, o, r])
+    mates[b, r, m, 13] = float(belief.seen[b, r, o])
+    mates[b, r, m, 14] = float(wp.length(d)) / 2.0
+    mates[b, r, m, 15] = float(wp.length(belief.velocity[b, o])) / 0.5
+
+
+@wp.func
+def mate_rank(belief: Belief, b: int, r: int, o: int) -> float:
+    """Distance by which mates are ordered; robots in the dock come last."""
+    d = float(wp.length(belief.position[b, o] - belief.position[b, r]))
+    if belief.declared[b, o] == WAITING:
+        return 1.0e6 + float(o)
+    return d
+
+
+@wp.kernel
+def observe(
+    belief: Belief, ground: GroundMap, model: MapModel, view: ViewModel, members: wp.array(dtype=MemberModel),
+    gyro: wp.array3d(dtype=wp.vec3), out: Observations,
+):  # fmt: skip
+    """Observations of every agent; one thread each."""
+    b, r = wp.tid()
+    p = belief.position[b, r]
+    cells = window_corner(ground, model, view.stride, b, float(p[0]), float(p[1]))
+    corner = ground.corner[b] + wp.vec2(float(cells[0]), float(cells[1])) * model.cell
+    rate = float(0.0)
+    for t in range(gyro.shape[2]):
+        rate = rate + (gyro[b, r, t][2] - float(belief.gyro_bias[b, r][2])) / float(gyro.shape[2])
+    draw_self(belief, view, members, out, rate, b, r, corner)
+    draw_window(belief, ground, model, view, members, out, b, r, cells)
+    rank = float(-1.0)
+    last = int(-1)
+    for m in range(MATES):
+        best = float(1.0e30)
+        chosen = int(-1)
+        for o in range(members.shape[0]):
+            if o != r:
+                d = mate_rank(belief, b, r, o)
+                if (d > rank or (d == rank and o > last)) and d < best:
+                    best = d
+                    chosen = o
+        out.mask[b, r, m] = wp.int8(chosen >= 0)
+        if chosen >= 0:
+            draw_mate(belief, members, out, b, r, m, chosen)
+            rank = best
+            last = chosen
+        else:
+            for k in range(MATE_SIZE):
+                out.mates[b, r, m, k] = 0.0

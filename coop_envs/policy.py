@@ -1,0 +1,121 @@
+"""What a policy is, what it needs of a team, and how it is found by name or path."""
+
+from __future__ import annotations
+
+import difflib
+import importlib.util
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coop_envs.agents.team import Member
+from coop_envs.errors import ConfigError
+
+ENTRY_POINT_GROUP = "coop_envs.policies"
+
+Observations = dict[str, dict[str, NDArray[Any]]]
+Actions = dict[str, NDArray[np.float32]]
+
+
+@dataclass(frozen=True)
+class TeamNeeds:
+    """The least a policy can work with: how many robots carry a camera, a hat, a laser, and how many are pickets."""
+
+    cameras: int = 1
+    hats: int = 0
+    lasers: int = 0
+    pickets: int = 0
+
+
+@dataclass(frozen=True)
+class TeamDescription:
+    """What the team's operator knows beforehand, never truth.
+
+    ``names`` are the agents, ``members[i]`` the robot of agent ``names[i]``; ``cell_m`` is the side of one cell of the
+    observed map window; ``goal_known`` says whether the task names a goal.
+    """
+
+    names: tuple[str, ...]
+    members: tuple[Member, ...]
+    cell_m: float
+    decision_s: float
+    goal_known: bool
+    time_limit_s: float
+
+
+@runtime_checkable
+class Policy(Protocol):
+    """A central policy: it sees the observations of all live agents and answers with one action for each."""
+
+    name: str
+    needs: TeamNeeds
+
+    def reset(self, team: TeamDescription, seed: int) -> None:
+        """Start an episode with this team; equal seeds give equal actions."""
+        ...
+
+    def act(self, observations: Observations) -> Actions:
+        """Answer each live agent's observation dict with a float32 action (8,) in [-1, 1]."""
+        ...
+
+
+def check_needs(policy: Policy, team: TeamDescription) -> None:
+    """Refuse a team that lacks what the policy needs.
+
+    Raises:
+        ConfigError: naming the policy, the first kind of equipment that falls short, and both numbers.
+    """
+    has = {
+        "cameras": sum(m.camera is not None for m in team.members),
+        "hats": sum(m.hat is not None for m in team.members),
+        "lasers": sum(m.laser is not None for m in team.members),
+        "pickets": sum(m.role == "picket" for m in team.members),
+    }
+    for kind, number in has.items():
+        needed = getattr(policy.needs, kind)
+        if number < needed:
+            raise ConfigError(f"team.{kind}", number, f"at least {needed} (policy {policy.name} needs them)")
+
+
+def load_policy(name_or_path: str) -> Policy:
+    """Make a policy by its name, or from a Python file that defines ``make_policy() -> Policy``.
+
+    Names are entry points of the group ``coop_envs.policies``; only the one asked for is imported.
+
+    Raises:
+        ConfigError: if there is no such name or file, or the file makes no policy.
+    """
+    if name_or_path.endswith(".py"):
+        return _load_file(Path(name_or_path))
+    points = {point.name: point for point in entry_points(group=ENTRY_POINT_GROUP)}
+    if name_or_path not in points:
+        raise ConfigError("policy", name_or_path, _expected_names(name_or_path, points))
+    return _checked(points[name_or_path].load()(), name_or_path)
+
+
+def _expected_names(name: str, points: dict[str, EntryPoint]) -> str:
+    close = difflib.get_close_matches(name, points, n=1)
+    hint = f" (did you mean {close[0]!r}?)" if close else ""
+    return f"one of {', '.join(sorted(points))} or the path of a .py file{hint}"
+
+
+def _load_file(path: Path) -> Policy:
+    if not path.is_file():
+        raise ConfigError("policy", str(path), "an existing .py file")
+    spec = importlib.util.spec_from_file_location(f"policy_{path.stem}", path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    if not callable(getattr(module, "make_policy", None)):
+        raise ConfigError("policy", str(path), "a file that defines make_policy()")
+    return _checked(module.make_policy(), str(path))
+
+
+def _checked(policy: object, source: str) -> Policy:
+    if not isinstance(policy, Policy):
+        raise ConfigError("policy", source, f"something with name, needs, reset and act, not {type(policy).__name__}")
+    return policy

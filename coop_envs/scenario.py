@@ -1,0 +1,289 @@
+"""A scenario: world, team, task and the numbers of sensing, belief and reward, as one validated tree.
+
+Scenarios are YAML files in ``worlds/scenarios``; ``load_scenario("arena", team="inchworm")`` reads one by name or path,
+and overrides replace single entries: ``load_scenario("arena", **{"task.time_limit_s": 100})`` or
+``load_scenario("arena", task={"time_limit_s": 100})``. Unknown keys are refused.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from coop_envs.agents.catalog import team_tree
+from coop_envs.agents.team import Team
+from coop_envs.errors import ConfigError, require
+from coop_envs.validation import STRICT, known, read_yaml, validated
+from coop_envs.worlds.arena import ArenaGeometry, RandomArenaGeometry
+from coop_envs.worlds.build import Split, build_world
+from coop_envs.worlds.flat import FlatGeometry
+from coop_envs.worlds.mesh_file import MeshFileGeometry
+from coop_envs.worlds.placement import Footprint
+from coop_envs.worlds.world import World
+
+Geometry = Annotated[ArenaGeometry | RandomArenaGeometry | FlatGeometry | MeshFileGeometry, Field(discriminator="kind")]
+Fidelity = Literal["poses"]
+Physics = Literal["fast"]
+
+
+@dataclass(frozen=True)
+class Environment:
+    """The environment column of thesis Table 6.1: geometry, friction, textures, lighting, particulate."""
+
+    __pydantic_config__ = STRICT
+    geometry: Geometry
+    friction: float = 0.8
+    texture: str = "cardboard"
+    albedo: float = 0.6
+    ambient_lux: float = 0.0
+    particulate: float = 0.0
+    medium: Literal["air", "water"] = "air"
+
+    def __post_init__(self) -> None:
+        require(0 < self.friction <= 2, "environment.friction", self.friction, "above 0, at most 2")
+        require(0 <= self.albedo <= 1, "environment.albedo", self.albedo, "0 to 1")
+        require(self.ambient_lux >= 0, "environment.ambient_lux", self.ambient_lux, "0 or more lux")
+        require(
+            0 <= self.particulate < 1,
+            "environment.particulate",
+            self.particulate,
+            "0 up to 1 (fraction lost per metre)",
+        )
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Ticks of camera, IMU and filter; physics substeps a tick; ticks a decision."""
+
+    __pydantic_config__ = STRICT
+    tick_s: float = 1.0 / 30.0
+    substeps: int = 4
+    ticks_per_decision: int = 6
+
+    def __post_init__(self) -> None:
+        require(0 < self.tick_s <= 0.2, "rates.tick_s", self.tick_s, "above 0, at most 0.2 s")
+        require(1 <= self.substeps <= 64, "rates.substeps", self.substeps, "1 to 64")
+        require(1 <= self.ticks_per_decision <= 60, "rates.ticks_per_decision", self.ticks_per_decision, "1 to 60")
+
+    @property
+    def decision_s(self) -> float:
+        return self.tick_s * self.ticks_per_decision
+
+
+@dataclass(frozen=True)
+class Sensing:
+    """Noise of the LED poses: pixel noise at a reference signal, dropouts and outliers per sighting."""
+
+    __pydantic_config__ = STRICT
+    pixel_noise_px: float = 0.5
+    dropout: float = 0.02
+    outlier: float = 0.005
+    min_leds: int = 4
+    full_signal_range_m: float = 1.0
+    detection_signal: float = 0.05
+
+    def __post_init__(self) -> None:
+        require(self.pixel_noise_px > 0, "sensing.pixel_noise_px", self.pixel_noise_px, "more than 0 px")
+        require(0 <= self.dropout < 1, "sensing.dropout", self.dropout, "0 up to 1")
+        require(0 <= self.outlier < 1, "sensing.outlier", self.outlier, "0 up to 1")
+        require(4 <= self.min_leds <= 8, "sensing.min_leds", self.min_leds, "4 to 8")
+
+
+@dataclass(frozen=True)
+class Estimation:
+    """Settings of the team filter and of what it declares (stationary, stuck, lost)."""
+
+    __pydantic_config__ = STRICT
+    rest_s: float = 0.3
+    slip_position_m_rts: float = 2.0e-4
+    slip_heading_rad_rts: float = 2.0e-4
+    odometry_noise_scale: float = 2.0
+    stuck_s: float = 3.0
+    silent_s: float = 3.0
+    hazard_mark_m: float = 0.10
+
+
+@dataclass(frozen=True)
+class MapSettings:
+    """The belief's grid and the window of it that a policy sees."""
+
+    __pydantic_config__ = STRICT
+    cell_m: float = 0.05
+    ego_stride: int = 1
+
+    def __post_init__(self) -> None:
+        require(0.01 <= self.cell_m <= 0.5, "map.cell_m", self.cell_m, "0.01 to 0.5 m")
+        require(1 <= self.ego_stride <= 16, "map.ego_stride", self.ego_stride, "1 to 16 cells")
+
+
+@dataclass(frozen=True)
+class Task:
+    """What counts as done: a goal reached by the observer, or a share of the reachable ground mapped."""
+
+    __pydantic_config__ = STRICT
+    success: Literal["goal", "coverage"] = "goal"
+    time_limit_s: float = 600.0
+    coverage_target: float = 0.9
+
+    def __post_init__(self) -> None:
+        require(self.time_limit_s > 0, "task.time_limit_s", self.time_limit_s, "more than 0 s")
+        require(0 < self.coverage_target <= 1, "task.coverage_target", self.coverage_target, "above 0, at most 1")
+
+
+@dataclass(frozen=True)
+class Reward:
+    """Weights of the reward's terms, each per unit of its name; the reward is their sum."""
+
+    __pydantic_config__ = STRICT
+    information_per_bit: float = 0.1
+    energy_per_joule: float = 0.0
+    action_energy_per_joule: float = 0.02
+    loss_per_picket: float = 5.0
+    loss_per_observer: float = 50.0
+    goal: float = 50.0
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """Everything that defines an exploration problem."""
+
+    __pydantic_config__ = STRICT
+    name: str
+    description: str
+    environment: Environment
+    team: Team
+    task: Task = Task()
+    rates: Rates = Rates()
+    sensing: Sensing = Sensing()
+    estimation: Estimation = Estimation()
+    map: MapSettings = MapSettings()
+    reward: Reward = Reward()
+    fidelity: Fidelity = "poses"
+    physics: Physics = "fast"
+
+    def __post_init__(self) -> None:
+        geometry = self.environment.geometry
+        has_goal = isinstance(geometry, RandomArenaGeometry) or geometry.goal is not None
+        require(has_goal or self.task.success != "goal", "task.success", "goal", "coverage, in a world without a goal")
+
+
+def load_scenario(source: str | Path | Scenario, **overrides: Any) -> Scenario:
+    """A scenario by name, YAML file or as it is, with entries replaced.
+
+    Overrides are names of entries, dotted to reach inside, or nested mappings. ``team`` takes a preset's name, a YAML
+    file or a mapping; ``world`` takes a mesh file, which replaces the geometry and makes coverage the task.
+    Raises: `ConfigError` in one line.
+    """
+    if isinstance(source, Scenario) and not overrides:
+        return source
+    tree = dataclasses.asdict(source) if isinstance(source, Scenario) else _read(source)
+    changes = dict(overrides)
+    world = changes.pop("world", None)
+    if world is not None:
+        tree = _merged(tree, _mesh_overrides(str(world)))
+    if "team" in changes:
+        team = changes.pop("team")
+        tree["team"] = dataclasses.asdict(team) if isinstance(team, Team) else team
+    tree["team"] = team_tree(tree.get("team"))
+    for name, value in changes.items():
+        tree = _merged(tree, _nested(name, value))
+    return validated(Scenario, {**tree, "team": team_tree(tree["team"])})
+
+
+def scenario_names() -> list[str]:
+    """The scenarios that come with the package."""
+    return sorted(Path(entry.name).stem for entry in _folder().iterdir() if entry.name.endswith(".yaml"))
+
+
+def scenario_world(scenario: Scenario, split: Split = "train", index: int = 0) -> World:
+    """World number ``index`` of the scenario's training or held-out worlds, with the team's starts in it."""
+    environment = scenario.environment
+    return build_world(
+        environment.geometry,
+        footprints(scenario.team),
+        split=split,
+        index=index,
+        friction=environment.friction,
+        albedo=environment.albedo,
+        ambient_lux=environment.ambient_lux,
+        medium=environment.medium,
+        particulate=environment.particulate,
+    )
+
+
+def footprints(team: Team) -> tuple[Footprint, ...]:
+    """What a world needs to know of each member to place it."""
+    return tuple(
+        Footprint(
+            name=member.name,
+            observer=member.role == "observer",
+            reserve=member.reserve,
+            body_radius_m=member.robot.body_radius_m,
+            contact_radius_m=member.robot.contact_radius_m,
+            max_step_m=member.robot.max_step_m,
+            start=member.start,
+        )
+        for member in team.members
+    )
+
+
+def _folder() -> Any:
+    return resources.files("coop_envs") / "worlds" / "scenarios"
+
+
+def _read(source: str | Path) -> dict[str, Any]:
+    path = Path(source)
+    if path.suffix in (".yaml", ".yml"):
+        require(path.is_file(), "scenario", str(source), "a file that exists")
+        return read_yaml(path.read_text(), str(path))
+    name = known(str(source), scenario_names(), "scenario", "a YAML file or one of")
+    return read_yaml((_folder() / f"{name}.yaml").read_text(), f"{name}.yaml")
+
+
+def _mesh_overrides(path: str) -> dict[str, Any]:
+    return {
+        "name": Path(path).stem,
+        "description": f"The mesh {Path(path).name}; map what can be reached.",
+        "environment": {"geometry": {"kind": "mesh_file", "path": path}},
+        "task": {"success": "coverage"},
+        "map": {"ego_stride": 4},
+    }
+
+
+def _nested(name: str, value: Any) -> dict[str, Any]:
+    """{"a": {"b": value}} for the dotted name "a.b"."""
+    for key in reversed(name.split(".")):
+        value = {key: value}
+    return value
+
+
+def _merged(tree: Any, changes: Any, path: str = "") -> Any:
+    """``tree`` with the entries of ``changes`` put in; another ``kind`` or a ``base`` replaces the whole mapping."""
+    if isinstance(tree, list | tuple) and isinstance(changes, Mapping):
+        items = list(tree)
+        for key, value in changes.items():
+            index = _item(items, str(key), path)
+            items[index] = _merged(items[index], value, f"{path}.{key}")
+        return items
+    if not (isinstance(tree, Mapping) and isinstance(changes, Mapping)):
+        return changes
+    if "base" in changes or changes.get("kind", tree.get("kind")) != tree.get("kind"):
+        return dict(changes)
+    replaced = {key: _merged(tree.get(key), value, f"{path}.{key}".strip(".")) for key, value in changes.items()}
+    return {**tree, **replaced}
+
+
+def _item(items: list[Any], key: str, path: str) -> int:
+    """The place in a list that a number, or the ``name`` of an entry, stands for."""
+    names = [str(entry.get("name")) if isinstance(entry, Mapping) else "" for entry in items]
+    if key in names:
+        return names.index(key)
+    if not key.isdigit() or int(key) >= len(items):
+        raise ConfigError(f"{path}.{key}", key, f"0 to {len(items) - 1} or one of {', '.join(filter(None, names))}")
+    return int(key)

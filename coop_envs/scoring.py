@@ -1,0 +1,287 @@
+"""What a decision was worth: information against the truth, energy, losses, the goal; and who is done.
+
+Reward is the sum of the terms named in `TERMS`. Scoring may use truth; nothing here reaches a policy but the reward.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import warp as wp
+
+from coop_envs.agents.team import Team
+from coop_envs.estimation.belief import LOST, NO_SLOT, WORKING, Belief
+from coop_envs.geometry.so3 import exp_so3, log_so3
+from coop_envs.mapping.ground_map import GROUND, GroundMap, MapModel
+from coop_envs.mapping.information import held_ubit
+from coop_envs.scenario import Reward, Task
+from coop_envs.sensing.poses import cholesky6, vec6d
+from coop_envs.simulation.state import ACTIVE, DOCKED, State
+from coop_envs.worlds.truth import TruthGrid
+from coop_envs.worlds.world import World
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+
+TERMS = ("information", "energy", "action_energy", "picket_lost", "observer_lost", "goal")
+MAPPED = wp.constant(36)
+SAFE, OCCUPIED, REACHABLE = (wp.constant(k) for k in (1, 2, 4))
+DECISION_BITS = 1.0e-6
+
+
+@wp.struct
+class Truth:
+    """Cells of all worlds: world w has ``shape[w]`` cells of size ``cell`` from ``origin[w]``; goals x, y, radius, known."""
+
+    cells: wp.array(dtype=wp.uint8)
+    offset: wp.array(dtype=int)
+    shape: wp.array(dtype=wp.vec2i)
+    origin: wp.array(dtype=wp.vec2)
+    goal: wp.array(dtype=wp.vec4)
+    cell: float
+
+
+@wp.struct
+class ScoreModel:
+    """Weights of the reward (see `scenario.Reward`) and the task: success by goal or by coverage, decisions allowed."""
+
+    information: float
+    energy: float
+    action_energy: float
+    picket: float
+    observer: float
+    goal: float
+    by_coverage: int
+    coverage_target: float
+    decisions: int
+
+
+@wp.struct
+class Score:
+    """Arrays over B teams (and N robots).
+
+    terms, reward
+        (B, 6) and (B,) of this decision.
+    terminated, truncated, alive
+        (B, N) ends of this decision, and who is left after it.
+    information, mapped, reachable
+        (B,) micro-bits held; cells correctly proven, cells that could be.
+    energy, action_energy
+        (B,) joules drawn by the team so far.
+    prior
+        (B, N) each robot's status before this decision.
+    success, done
+        (B,) task accomplished; nobody left.
+    nees_sum, nees_count
+        (B,) of the poses of robots at work, for their mean.
+    """
+
+    terms: wp.array2d(dtype=float)
+    reward: wp.array(dtype=float)
+    terminated: wp.array2d(dtype=int)
+    truncated: wp.array2d(dtype=int)
+    alive: wp.array2d(dtype=int)
+    information: wp.array(dtype=wp.int64)
+    mapped: wp.array(dtype=int)
+    reachable: wp.array(dtype=int)
+    energy: wp.array(dtype=wp.float64)
+    action_energy: wp.array(dtype=wp.float64)
+    prior: wp.array2d(dtype=int)
+    success: wp.array(dtype=int)
+    done: wp.array(dtype=int)
+    nees_sum: wp.array(dtype=wp.float64)
+    nees_count: wp.array(dtype=int)
+
+
+def score_model(reward: Reward, task: Task, decision_s: float) -> ScoreModel:
+    """Pack weights and task."""
+    model = ScoreModel()
+    model.information, model.energy = reward.information_per_bit, reward.energy_per_joule
+    model.action_energy, model.goal = reward.action_energy_per_joule, reward.goal
+    model.picket, model.observer = reward.loss_per_picket, reward.loss_per_observer
+    model.by_coverage, model.coverage_target = int(task.success == "coverage"), task.coverage_target
+    model.decisions = max(1, round(task.time_limit_s / decision_s))
+    return model
+
+
+def pack_truth(worlds: Sequence[World], grids: Sequence[TruthGrid], device: str) -> Truth:
+    """Truth of all worlds."""
+    truth = Truth()
+    layers = [g.safe.astype(np.uint8) + 2 * g.obstacle.astype(np.uint8) + 4 * g.reachable.astype(np.uint8) for g in grids]
+    truth.cells = wp.array(np.concatenate([c.ravel() for c in layers]).astype(np.uint8), dtype=wp.uint8, device=device)
+    truth.offset = wp.array(np.cumsum([0] + [c.size for c in layers[:-1]]), dtype=int, device=device)
+    truth.shape = wp.array([c.shape for c in layers], dtype=wp.vec2i, device=device)
+    truth.origin = wp.array([g.origin_m for g in grids], dtype=wp.vec2, device=device)
+    goals = [(*w.goal, 1.0) if w.goal is not None else (0.0, 0.0, 0.0, 0.0) for w in worlds]
+    truth.goal = wp.array(goals, dtype=wp.vec4, device=device)
+    truth.cell = grids[0].cell_m
+    return truth
+
+
+def pickets(team: Team, device: str) -> wp.array:
+    """1 for a picket, 2 added for a camera (N,)."""
+    flags = [int(m.role == "picket") + 2 * int(m.camera is not None) for m in team.members]
+    return wp.array(flags, dtype=int, device=device)
+
+
+@wp.func
+def truth_of(truth: Truth, w: int, frame: wp.vec4, ground: GroundMap, model: MapModel, b: int, cell: int) -> int:
+    """Truth at the centre of a map cell; beyond the world nothing is safe and all is occupied."""
+    corner = ground.corner[b]
+    x = corner[0] + (float(cell // model.ny) + 0.5) * model.cell
+    y = corner[1] + (float(cell % model.ny) + 0.5) * model.cell
+    c = wp.cos(frame[3])
+    s = wp.sin(frame[3])
+    i = int(wp.floor((frame[0] + c * x - s * y - truth.origin[w][0]) / truth.cell))
+    j = int(wp.floor((frame[1] + s * x + c * y - truth.origin[w][1]) / truth.cell))
+    n = truth.shape[w]
+    if i < 0 or j < 0 or i >= n[0] or j >= n[1]:
+        return OCCUPIED
+    return int(truth.cells[truth.offset[w] + i * n[1] + j])
+
+
+@wp.func
+def pose_nees(state: State, belief: Belief, b: int, r: int) -> wp.float64:
+    """Squared Mahalanobis distance of a believed pose to the truth, 6 degrees of freedom; -1 where it has none."""
+    frame = state.frame[b]
+    turn = exp_so3(wp.vec3d(wp.float64(0.0), wp.float64(0.0), -wp.float64(frame[3])))
+    origin = wp.vec3d(wp.float64(frame[0]), wp.float64(frame[1]), wp.float64(frame[2]))
+    p = turn * (wp.vec3d(state.position[b, r]) - origin) - belief.position[b, r]
+    theta = log_so3(turn * wp.mat33d(state.rotation[b, r]) * wp.transpose(belief.rotation[b, r]))
+    low = cholesky6(belief.pose_covariance[b, r])
+    if low[0, 0] <= wp.float64(0.0):
+        return wp.float64(-1.0)
+    e = vec6d(theta[0], theta[1], theta[2], p[0], p[1], p[2])
+    total = wp.float64(0.0)
+    for m in range(6):
+        s = e[m]
+        for k in range(m):
+            s = s - low[m, k] * e[k]
+        e[m] = s / low[m, m]
+        total = total + e[m] * e[m]
+    return total
+
+
+@wp.func
+def count_information(
+    state: State, ground: GroundMap, truth: Truth, model: MapModel, score: Score, table: wp.array(dtype=int), b: int
+):
+    """Enter this decision's map changes into the team's account."""
+    for k in range(ground.change_count[b]):
+        change = ground.changes[b, k]
+        here = truth_of(truth, state.world[b], state.frame[b], ground, model, b, change[1])
+        fact = (here & OCCUPIED) != 0
+        if change[0] == GROUND:
+            fact = (here & SAFE) != 0
+        gain = held_ubit(table, change[3], fact) - held_ubit(table, change[2], fact)
+        score.information[b] = score.information[b] + wp.int64(gain)
+        if change[0] == GROUND and (here & REACHABLE) != 0:
+            score.mapped[b] = score.mapped[b] + int(change[3] >= MAPPED) - int(change[2] >= MAPPED)
+
+
+@wp.func
+def goal_reached(state: State, truth: Truth, b: int) -> bool:
+    """Whether the first observer stands, well, at the goal."""
+    goal = truth.goal[state.world[b]]
+    p = state.position[b, 0]
+    away = wp.length(wp.vec2(p[0] - goal[0], p[1] - goal[1]))
+    return goal[3] > 0.0 and away <= goal[2] and state.status[b, 0] == ACTIVE
+
+
+@wp.func
+def end_agents(belief: Belief, score: Score, kinds: wp.array(dtype=int), model: ScoreModel, b: int):
+    """Terminate the lost, and everybody at success or without a camera; truncate the rest at the time limit."""
+    n = kinds.shape[0]
+    eyes = int(0)
+    for r in range(n):
+        if (kinds[r] & 2) != 0 and belief.declared[b, r] == WORKING:
+            eyes = eyes + 1
+    over = score.success[b] == 1 or eyes == 0
+    late = belief.clock[b] > model.decisions
+    left = int(0)
+    for r in range(n):
+        score.terminated[b, r] = 0
+        score.truncated[b, r] = 0
+        if score.alive[b, r] == 1:
+            if over or belief.declared[b, r] == LOST:
+                score.terminated[b, r] = 1
+            elif late:
+                score.truncated[b, r] = 1
+            score.alive[b, r] = 1 - wp.max(score.terminated[b, r], score.truncated[b, r])
+            left = left + score.alive[b, r]
+    score.done[b] = int(left == 0)
+
+
+@wp.kernel
+def judge(
+    state: State, belief: Belief, ground: GroundMap, truth: Truth, map_model: MapModel, model: ScoreModel, score: Score,
+    kinds: wp.array(dtype=int), table: wp.array(dtype=int), running: wp.array(dtype=int),
+):  # fmt: skip
+    """Score the last decision of every running team."""
+    b = wp.tid()
+    for k in range(score.terms.shape[1]):
+        score.terms[b, k] = 0.0
+    score.reward[b] = 0.0
+    if running[b] == 0:
+        return
+    had = score.information[b]
+    count_information(state, ground, truth, map_model, score, table, b)
+    score.terms[b, 0] = float(score.information[b] - had) * DECISION_BITS * model.information
+    total = wp.float64(0.0)
+    action = wp.float64(0.0)
+    for r in range(kinds.shape[0]):
+        e = state.energy[b, r]
+        action = action + e[1] + e[2] + e[3]
+        total = total + e[0] + e[1] + e[2] + e[3]
+        status = state.status[b, r]
+        before = score.prior[b, r]
+        if status > ACTIVE and (before == ACTIVE or before == DOCKED):
+            if (kinds[r] & 1) != 0:
+                score.terms[b, 3] = score.terms[b, 3] - model.picket
+            else:
+                score.terms[b, 4] = score.terms[b, 4] - model.observer
+        score.prior[b, r] = status
+        if belief.declared[b, r] == WORKING and belief.slot[b, r] != NO_SLOT and status == ACTIVE:
+            nees = pose_nees(state, belief, b, r)
+            if nees >= wp.float64(0.0):
+                score.nees_sum[b] = score.nees_sum[b] + nees
+                score.nees_count[b] = score.nees_count[b] + 1
+    score.terms[b, 1] = -float(total - score.energy[b]) * model.energy
+    score.terms[b, 2] = -float(action - score.action_energy[b]) * model.action_energy
+    score.energy[b] = total
+    score.action_energy[b] = action
+    if model.by_coverage == 1:
+        if float(score.mapped[b]) >= model.coverage_target * float(score.reachable[b]):
+            score.success[b] = 1
+    elif goal_reached(state, truth, b):
+        score.success[b] = 1
+    if score.success[b] == 1:
+        score.terms[b, 5] = model.goal
+    for k in range(score.terms.shape[1]):
+        score.reward[b] = score.reward[b] + score.terms[b, k]
+    end_agents(belief, score, kinds, model, b)
+
+
+@wp.kernel
+def open_account(
+    state: State, ground: GroundMap, truth: Truth, map_model: MapModel, score: Score, chosen: wp.array(dtype=int)
+):
+    """Start the accounts of the chosen teams anew."""
+    b = wp.tid()
+    if chosen[b] == 0:
+        return
+    score.information[b] = wp.int64(0)
+    score.mapped[b] = 0
+    score.reachable[b] = 0
+    score.energy[b] = wp.float64(0.0)
+    score.action_energy[b] = wp.float64(0.0)
+    score.success[b] = 0
+    score.done[b] = 0
+    score.nees_sum[b] = wp.float64(0.0)
+    score.nees_count[b] = 0
+    for cell in range(map_model.nx * map_model.ny):
+        if (truth_of(truth, state.world[b], state.frame[b], ground, map_model, b, cell) & REACHABLE) != 0:
+            score.reachable[b] = score.reachable[b] + 1
+    for r in range(score.alive.shape[1]):
+        score.alive[b, r] = 1
+        score.prior[b, r] = state.status[b, r]

@@ -1,0 +1,93 @@
+"""A pinhole camera with plumb-bob distortion, as OpenCV and ROS define it. Camera z forward, x right, y down."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+
+
+
+class Calibration(Protocol):
+    """What a camera's description must hold: image size, intrinsics, distortion (k1, k2, p1, p2, k3), mounting."""
+
+    width_px: int
+    height_px: int
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    distortion: tuple[float, float, float, float, float]
+    position_m: tuple[float, float, float]
+    pitch_down_rad: float
+    max_range_m: float
+
+
+@wp.struct
+class CameraModel:
+    """``fitted`` is 0 on a robot without a camera. ``R_body_camera``, ``p_body_camera`` mount it; f and c in pixels."""
+
+    fitted: int
+    R_body_camera: wp.mat33
+    p_body_camera: wp.vec3
+    focal: wp.vec2
+    centre: wp.vec2
+    size: wp.vec2
+    radial: wp.vec3
+    tangential: wp.vec2
+    max_range: float
+
+
+def body_from_camera(pitch_down_rad: float) -> NDArray[np.float64]:
+    """R_body_camera (3, 3) of a camera looking along body x, tilted towards the ground."""
+    s, c = np.sin(pitch_down_rad), np.cos(pitch_down_rad)
+    return np.array([[0.0, -s, c], [-1.0, 0.0, 0.0], [0.0, -c, -s]])
+
+
+def camera_model(calibration: Calibration | None) -> CameraModel:
+    """Pack a calibration for the device; None makes a camera that is not fitted."""
+    model = CameraModel()
+    if calibration is None:
+        return model
+    k1, k2, p1, p2, k3 = calibration.distortion
+    model.fitted = 1
+    model.R_body_camera = wp.mat33(*np.ravel(body_from_camera(calibration.pitch_down_rad)))
+    model.p_body_camera = wp.vec3(*calibration.position_m)
+    model.focal = wp.vec2(calibration.fx_px, calibration.fy_px)
+    model.centre = wp.vec2(calibration.cx_px, calibration.cy_px)
+    model.size = wp.vec2(float(calibration.width_px), float(calibration.height_px))
+    model.radial, model.tangential = wp.vec3(k1, k2, k3), wp.vec2(p1, p2)
+    model.max_range = calibration.max_range_m
+    return model
+
+
+@wp.func
+def project(camera: CameraModel, p_camera: wp.vec3) -> wp.vec2:
+    """Pixel (u, v) of a point before the camera (z > 0).
+
+    Source: OpenCV's camera model (k1, k2, p1, p2, k3).
+    """
+    x = p_camera[0] / p_camera[2]
+    y = p_camera[1] / p_camera[2]
+    r2 = x * x + y * y
+    radial = 1.0 + r2 * (camera.radial[0] + r2 * (camera.radial[1] + r2 * camera.radial[2]))
+    p1 = camera.tangential[0]
+    p2 = camera.tangential[1]
+    xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
+    yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
+    return wp.vec2(camera.focal[0] * xd + camera.centre[0], camera.focal[1] * yd + camera.centre[1])
+
+
+@wp.func
+def in_view(camera: CameraModel, p_camera: wp.vec3) -> bool:
+    """Whether a point lies before the camera, in range and inside the image."""
+    if p_camera[2] < 0.03 or wp.length(p_camera) > camera.max_range:
+        return False
+    if wp.abs(p_camera[0]) > 2.0 * p_camera[2] or wp.abs(p_camera[1]) > 2.0 * p_camera[2]:
+        return False
+    uv = project(camera, p_camera)
+    return uv[0] >= 0.0 and uv[1] >= 0.0 and uv[0] <= camera.size[0] - 1.0 and uv[1] <= camera.size[1] - 1.0

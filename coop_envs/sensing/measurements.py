@@ -1,0 +1,50 @@
+"""`Measurements`: everything that the robots of a batch of teams report for one decision.
+
+The same type comes from simulation and from robots; beliefs are a function of it and of the commands alone.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from coop_envs.geometry.arrays import allocate
+
+
+@wp.struct
+class Measurements:
+    """Arrays over B teams, N robots and T ticks of one decision.
+
+    gyro, accel
+        (B, N, T) rad/s and m/s^2 in the body frame; specific force, so +g along z at rest.
+    heard
+        (B, N) 1 where the robot's packets arrived.
+    docked
+        (B, N) 1 where the robot waits in its dock.
+    wheels
+        (B, N) mean left and right wheel speed from the encoders, rad/s.
+    battery
+        (B, N) remaining fraction.
+    seen
+        (B, N, N) 1 where the camera of robot i gave a pose of robot j.
+    p_camera_body, R_camera_body
+        (B, N, N) that pose: p_camera = R_camera_body p_body + p_camera_body, metres.
+    covariance
+        (B, N, N) of its error: rotation (rad, applied from the left, camera axes), then position (m).
+    """
+
+    gyro: wp.array3d(dtype=wp.vec3)
+    accel: wp.array3d(dtype=wp.vec3)
+    heard: wp.array2d(dtype=int)
+    docked: wp.array2d(dtype=int)
+    wheels: wp.array2d(dtype=wp.vec2)
+    battery: wp.array2d(dtype=float)
+    seen: wp.array3d(dtype=int)
+    p_camera_body: wp.array3d(dtype=wp.vec3)
+    R_camera_body: wp.array3d(dtype=wp.mat33)
+    covariance: wp.array3d(dtype=wp.types.matrix(shape=(6, 6), dtype=wp.float64))
+
+
+def allocate_measurements(teams: int, robots: int, ticks: int, device: str) -> Measurements:
+    """Measurements of nothing yet."""
+    samples = (teams, robots, ticks)
+    return allocate(Measurements, (teams, robots, robots), device, gyro=samples, accel=samples)

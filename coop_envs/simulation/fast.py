@@ -1,0 +1,89 @@
+"""`FastPhysics`: truth and measurements of a batch of teams, on one device."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from coop_envs.agents.command import Command
+from coop_envs.agents.team import Team
+from coop_envs.geometry.arrays import allocate
+from coop_envs.sensing.leds import LedModel
+from coop_envs.sensing.measurements import allocate_measurements
+from coop_envs.simulation.dynamics import Ground
+from coop_envs.simulation.parameters import pack_hazards, pack_robots, pack_terrain
+from coop_envs.simulation.reset import Starts, place_teams, undock
+from coop_envs.simulation.sight import see
+from coop_envs.simulation.state import State
+from coop_envs.simulation.step import Clock, advance
+from coop_envs.worlds.world import World
+
+
+@dataclass(frozen=True)
+class Placement:
+    """How exactly people set robots down: standard deviations."""
+
+    position_sigma_m: float = 0.005
+    yaw_sigma_rad: float = 0.03
+
+
+class FastPhysics:
+    """Steps those of B teams whose ``running`` is 1 through W worlds; launches are recorded once and replayed."""
+
+    def __init__(
+        self,
+        team: Team,
+        worlds: Sequence[World],
+        clock: Clock,
+        led_model: LedModel,
+        teams: int,
+        device: str,
+        placement: Placement,
+    ) -> None:
+        n = len(team.members)
+        self.device, self.teams = device, teams
+        self.robots, self.cameras, leds = pack_robots(team, device)
+        self.ground = Ground()
+        self.ground.terrain, self.meshes = pack_terrain(worlds, device)
+        self.ground.hazards = pack_hazards(worlds, device)
+        self.ground.friction = worlds[0].friction
+        self.starts = _pack_starts(worlds, n, placement, device)
+        self.state: State = allocate(State, (teams, n), device)
+        self.command: Command = allocate(Command, (teams, n), device)
+        self.measurements = allocate_measurements(teams, n, clock.ticks, device)
+        self.running = wp.ones(teams, dtype=int, device=device)
+        shared = [self.state, self.command]
+        self._undock = self._record(undock, teams, [*shared, self.robots, self.starts, self.ground, self.running])
+        self._advance = self._record(advance, teams, [*shared, self.measurements, self.robots, self.ground, clock, self.running])
+        sight = [*shared, self.measurements, self.robots, self.cameras, leds, led_model, self.ground, self.running]
+        self._see = self._record(see, (teams, n), sight)
+
+    def _record(self, kernel: wp.Kernel, dim: int | tuple[int, int], inputs: list[object]) -> wp.Launch:
+        return wp.launch(kernel, dim, inputs=inputs, device=self.device, record_cmd=True)
+
+    def reset(self, chosen: NDArray[np.int32], keys: NDArray[np.uint64], worlds: NDArray[np.int32]) -> None:
+        """Start the teams with ``chosen`` 1 anew, each with its key and world (all (B,))."""
+        arrays = [wp.array(a, device=self.device) for a in (chosen, keys, worlds)]
+        inputs = [self.state, self.robots, self.starts, self.ground, *arrays]
+        wp.launch(place_teams, self.teams, inputs=inputs, device=self.device)
+
+    def step(self) -> None:
+        """Carry out ``command`` for one decision and fill ``measurements``."""
+        self._undock.launch()
+        self._advance.launch()
+        self._see.launch()
+
+
+def _pack_starts(worlds: Sequence[World], robots: int, placement: Placement, device: str) -> Starts:
+    poses = np.zeros((len(worlds), robots, 3), dtype=np.float32)
+    for w, world in enumerate(worlds):
+        poses[w] = (list(world.starts) + [world.dock] * robots)[:robots]
+    starts = Starts()
+    starts.pose = wp.array(poses, dtype=wp.vec3, device=device)
+    starts.dock = wp.array([world.dock for world in worlds], dtype=wp.vec3, device=device)
+    starts.position_sigma, starts.yaw_sigma = placement.position_sigma_m, placement.yaw_sigma_rad
+    return starts

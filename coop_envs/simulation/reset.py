@@ -1,0 +1,97 @@
+"""Place the robots of the teams that start anew, and let reserves out of their dock."""
+
+from __future__ import annotations
+
+import warp as wp
+
+from coop_envs.agents.command import Command
+from coop_envs.geometry.keyed_random import draw_key, normal2, normal3
+from coop_envs.geometry.so3 import stand_on
+from coop_envs.simulation.dynamics import Ground, footing, present
+from coop_envs.simulation.parameters import RobotModel
+from coop_envs.simulation.state import ACTIVE, DOCKED, State
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+
+PLACE_CHANNEL = wp.constant(32)
+BIAS_CHANNEL = wp.constant(34)
+SKY = wp.constant(1.0e6)
+
+
+@wp.struct
+class Starts:
+    """Start poses (x, y, yaw) of every robot in every world (W, N), the dock's (W,), and how exactly people place robots."""
+
+    pose: wp.array2d(dtype=wp.vec3)
+    dock: wp.array(dtype=wp.vec3)
+    position_sigma: float
+    yaw_sigma: float
+
+
+@wp.func
+def stand_at(state: State, model: RobotModel, ground: Ground, b: int, r: int, pose: wp.vec3):
+    """Set a robot down at rest at x, y, yaw."""
+    stand = footing(ground.terrain, state.world[b], model, wp.vec2(pose[0], pose[1]), SKY)
+    level = footing(ground.terrain, state.world[b], model, wp.vec2(pose[0], pose[1]), stand.height)
+    state.position[b, r] = wp.vec3(pose[0], pose[1], level.height) + level.normal * model.body_height
+    state.rotation[b, r] = stand_on(level.normal, pose[2])
+    state.yaw[b, r] = pose[2]
+    state.velocity[b, r] = wp.vec3(0.0, 0.0, 0.0)
+    state.wheels[b, r] = wp.vec2(0.0, 0.0)
+
+
+@wp.kernel
+def place_teams(
+    state: State, robots: wp.array(dtype=RobotModel), starts: Starts, ground: Ground, chosen: wp.array(dtype=int),
+    key: wp.array(dtype=wp.uint64), world: wp.array(dtype=int),
+):  # fmt: skip
+    """Start the chosen teams anew in their worlds. The first observer defines the team frame, so it stands exactly."""
+    b = wp.tid()
+    if chosen[b] == 0:
+        return
+    state.key[b] = key[b]
+    state.world[b] = world[b]
+    state.tick[b] = 0
+    w = world[b]
+    for r in range(robots.shape[0]):
+        model = robots[r]
+        pose = starts.pose[w, r]
+        if r > 0:
+            a = normal2(draw_key(key[b], 0, r, PLACE_CHANNEL)) * starts.position_sigma
+            turn = normal2(draw_key(key[b], 0, r, PLACE_CHANNEL + 1))
+            pose = pose + wp.vec3(a[0], a[1], turn[0] * starts.yaw_sigma)
+        stand_at(state, model, ground, b, r, pose)
+        state.status[b, r] = ACTIVE
+        if model.reserve == 1:
+            state.status[b, r] = DOCKED
+        state.slip[b, r] = normal2(draw_key(key[b], 0, r, PLACE_CHANNEL + 2)) * model.slip
+        state.energy[b, r] = wp.vec4d()
+        state.path[b, r] = 0.0
+        state.gyro_bias[b, r] = normal3(key[b], 0, r, BIAS_CHANNEL + 1) * model.gyro_bias
+        state.accel_bias[b, r] = normal3(key[b], 0, r, BIAS_CHANNEL + 3) * model.accel_bias
+    first = state.position[b, 0]
+    state.frame[b] = wp.vec4(first[0], first[1], first[2], state.yaw[b, 0])
+
+
+@wp.kernel
+def undock(
+    state: State, command: Command, robots: wp.array(dtype=RobotModel), starts: Starts, ground: Ground,
+    running: wp.array(dtype=int),
+):  # fmt: skip
+    """Put reserves that are told to leave their dock before it, one a decision, once nobody stands there."""
+    b = wp.tid()
+    if running[b] == 0:
+        return
+    for r in range(robots.shape[0]):
+        if state.status[b, r] == DOCKED and command.undock[b, r] == 1:
+            pose = starts.dock[state.world[b]]
+            free = bool(True)
+            for o in range(robots.shape[0]):
+                gap = wp.length(wp.vec2(state.position[b, o][0] - pose[0], state.position[b, o][1] - pose[1]))
+                if present(state.status[b, o]) and gap < robots[o].body_radius + robots[r].body_radius:
+                    free = bool(False)
+            if free:
+                a = normal2(draw_key(state.key[b], state.tick[b], r, PLACE_CHANNEL)) * starts.position_sigma
+                turn = normal2(draw_key(state.key[b], state.tick[b], r, PLACE_CHANNEL + 1))
+                stand_at(state, robots[r], ground, b, r, pose + wp.vec3(a[0], a[1], turn[0] * starts.yaw_sigma))
+                state.status[b, r] = ACTIVE

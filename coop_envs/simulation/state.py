@@ -1,0 +1,65 @@
+"""`State`: the truth of a batch of teams, and what can become of a robot."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import warp as wp
+
+
+class Status(IntEnum):
+    """What has become of a robot, in truth."""
+
+    DOCKED = 0
+    ACTIVE = 1
+    TRAPPED = 2
+    SWALLOWED = 3
+    FALLEN = 4
+    DEPLETED = 5
+
+
+DOCKED = wp.constant(int(Status.DOCKED))
+ACTIVE = wp.constant(int(Status.ACTIVE))
+TRAPPED = wp.constant(int(Status.TRAPPED))
+SWALLOWED = wp.constant(int(Status.SWALLOWED))
+FALLEN = wp.constant(int(Status.FALLEN))
+DEPLETED = wp.constant(int(Status.DEPLETED))
+
+
+@wp.struct
+class State:
+    """Arrays over B teams and N robots, world frame, SI units.
+
+    position, rotation, velocity
+        (B, N) body origin, R_world_body, velocity averaged over the last tick.
+    yaw, wheels, slip
+        (B, N) heading, actual wheel speeds (rad/s), relative slip of both sides.
+    status
+        (B, N) a `Status`.
+    energy
+        (B, N) joules drawn so far: idle, motion, markers, scanner.
+    gyro_bias, accel_bias
+        (B, N) of the IMUs, rad/s and m/s^2.
+    path
+        (B, N) length of the way gone, m.
+    world, key, tick
+        (B,) index of the team's world, its random key, ticks since reset.
+    frame
+        (B,) the team frame in the world: x, y, z, yaw of the first observer's start.
+    """
+
+    position: wp.array2d(dtype=wp.vec3)
+    rotation: wp.array2d(dtype=wp.mat33)
+    velocity: wp.array2d(dtype=wp.vec3)
+    yaw: wp.array2d(dtype=float)
+    wheels: wp.array2d(dtype=wp.vec2)
+    slip: wp.array2d(dtype=wp.vec2)
+    status: wp.array2d(dtype=int)
+    energy: wp.array2d(dtype=wp.vec4d)
+    gyro_bias: wp.array2d(dtype=wp.vec3)
+    accel_bias: wp.array2d(dtype=wp.vec3)
+    path: wp.array2d(dtype=float)
+    world: wp.array(dtype=int)
+    key: wp.array(dtype=wp.uint64)
+    tick: wp.array(dtype=int)
+    frame: wp.array(dtype=wp.vec4)

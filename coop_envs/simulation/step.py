@@ -1,0 +1,156 @@
+"""One decision of the fast physics: ticks and substeps of every robot of a team, hazards, power, IMU samples."""
+
+from __future__ import annotations
+
+import warp as wp
+
+from coop_envs.agents.command import Command
+from coop_envs.agents.power import marker_power_w, motion_power_w, scanner_power_w
+from coop_envs.geometry.keyed_random import draw_key, normal2, normal3
+from coop_envs.geometry.so3 import log_so3
+from coop_envs.sensing.measurements import Measurements
+from coop_envs.simulation.dynamics import Ground, drive, foot_point, restless, spin_wheels
+from coop_envs.simulation.hazards import hazard_distance
+from coop_envs.simulation.parameters import HOLE, TRAP, Hazards, RobotModel
+from coop_envs.simulation.state import ACTIVE, DEPLETED, DOCKED, SWALLOWED, TRAPPED, State
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+
+GRAVITY = wp.constant(9.81)
+MOVING_RAD_S = wp.constant(0.05)
+SLIP_CHANNEL = wp.constant(0)
+GYRO_CHANNEL = wp.constant(1)
+ACCEL_CHANNEL = wp.constant(3)
+GYRO_WALK_CHANNEL = wp.constant(5)
+ACCEL_WALK_CHANNEL = wp.constant(7)
+
+
+@wp.struct
+class Clock:
+    """Rates of the physics: tick length (s), substeps a tick, ticks a decision."""
+
+    tick_s: float
+    substeps: int
+    ticks: int
+
+
+@wp.func
+def wander_slip(state: State, model: RobotModel, b: int, r: int, tick: int, dt: float):
+    """Move the slip of both sides one tick along its Gauss-Markov process."""
+    keep = wp.exp(-dt / model.slip_time)
+    noise = normal2(draw_key(state.key[b], tick, r, SLIP_CHANNEL)) * (model.slip * wp.sqrt(1.0 - keep * keep))
+    state.slip[b, r] = state.slip[b, r] * keep + noise
+
+
+@wp.func
+def meet_hazards(state: State, model: RobotModel, hazards: Hazards, b: int, r: int):
+    """A trap holds a robot whose contact disc it touches, a hole swallows one whose centre it holds."""
+    foot = foot_point(state.position[b, r], state.rotation[b, r], model.body_height)
+    w = state.world[b]
+    for k in range(hazards.first[w], hazards.first[w + 1]):
+        d = hazard_distance(hazards, k, foot[0], foot[1])
+        if hazards.kind[k] == TRAP and d < model.contact_radius:
+            state.status[b, r] = TRAPPED
+        if hazards.kind[k] == HOLE and d < 0.0:
+            state.status[b, r] = SWALLOWED
+
+
+@wp.func
+def draw_power(state: State, command: Command, model: RobotModel, b: int, r: int, dt: float):
+    """Take one tick's energy from the battery (eq 6.16): idle, motion, markers, scanner.
+
+    Motion is what the wheels do, whether the robot gets anywhere or not; rolling downhill cannot charge the battery.
+    """
+    steering = float(0.0)
+    if command.galvo[b, r][0] != 0 or command.galvo[b, r][1] != 0:
+        steering = 1.0
+    rim = state.wheels[b, r] * model.wheel_radius
+    speed = 0.5 * (rim[0] + rim[1])
+    motion_w = motion_power_w(model.power, speed, (rim[1] - rim[0]) / model.track, state.rotation[b, r][2, 0])
+    motion_w = wp.max(motion_w, -model.idle_power)
+    marker_w = marker_power_w(model.power, command.brightness[b, r] * model.marker_sum)
+    scanner_w = scanner_power_w(model.power, steering, command.laser[b, r])
+    power = wp.vec4d(wp.float64(model.idle_power), wp.float64(motion_w), wp.float64(marker_w), wp.float64(scanner_w))
+    spent = state.energy[b, r] + power * wp.float64(dt)
+    state.energy[b, r] = spent
+    if spent[0] + spent[1] + spent[2] + spent[3] >= wp.float64(model.battery):
+        state.status[b, r] = DEPLETED
+
+
+@wp.func
+def sample_imu(
+    state: State, out: Measurements, model: RobotModel, b: int, r: int, t: int, R: wp.mat33, before: wp.vec3, dt: float
+):
+    """One IMU sample: rotation since ``R`` and change of the mean velocity since the last tick, plus bias and noise."""
+    tick = state.tick[b] + t
+    key = state.key[b]
+    velocity = (state.position[b, r] - before) / dt
+    force = wp.transpose(R) * ((velocity - state.velocity[b, r]) / dt + wp.vec3(0.0, 0.0, GRAVITY))
+    rate = wp.vec3(log_so3(wp.mat33d(wp.transpose(R) * state.rotation[b, r]))) / dt
+    state.velocity[b, r] = velocity
+    shake = float(0.0)
+    if wp.length(state.wheels[b, r]) > MOVING_RAD_S:
+        shake = 1.0
+    root = wp.sqrt(1.0 / dt)
+    gyro_sigma = (model.gyro_noise + shake * model.moving_gyro_noise) * root
+    accel_sigma = (model.accel_noise + shake * model.moving_accel_noise) * root
+    out.gyro[b, r, t] = rate + state.gyro_bias[b, r] + normal3(key, tick, r, GYRO_CHANNEL) * gyro_sigma
+    out.accel[b, r, t] = force + state.accel_bias[b, r] + normal3(key, tick, r, ACCEL_CHANNEL) * accel_sigma
+    walk = wp.sqrt(dt)
+    gyro_walk = normal3(key, tick, r, GYRO_WALK_CHANNEL) * (model.gyro_walk * walk)
+    accel_walk = normal3(key, tick, r, ACCEL_WALK_CHANNEL) * (model.accel_walk * walk)
+    state.gyro_bias[b, r] = state.gyro_bias[b, r] + gyro_walk
+    state.accel_bias[b, r] = state.accel_bias[b, r] + accel_walk
+
+
+@wp.func
+def tick_robot(
+    state: State, command: Command, out: Measurements, robots: wp.array(dtype=RobotModel), ground: Ground, clock: Clock,
+    b: int, r: int, t: int,
+):  # fmt: skip
+    """One tick of one robot."""
+    model = robots[r]
+    before = state.position[b, r]
+    R = state.rotation[b, r]
+    dt = clock.tick_s / float(clock.substeps)
+    wander_slip(state, model, b, r, state.tick[b] + t, clock.tick_s)
+    for _s in range(clock.substeps):
+        if state.status[b, r] == ACTIVE or state.status[b, r] == TRAPPED:
+            spin_wheels(state, model, b, r, command.wheels[b, r], dt)
+        if restless(state, b, r):
+            drive(state, robots, ground, b, r, dt)
+    if state.status[b, r] == ACTIVE:
+        meet_hazards(state, model, ground.hazards, b, r)
+    if state.status[b, r] != DEPLETED and state.status[b, r] != SWALLOWED:
+        draw_power(state, command, model, b, r, clock.tick_s)
+    if state.status[b, r] != ACTIVE and state.status[b, r] != TRAPPED:
+        state.wheels[b, r] = wp.vec2(0.0, 0.0)
+    state.path[b, r] = state.path[b, r] + wp.length(state.position[b, r] - before)
+    out.wheels[b, r] = out.wheels[b, r] + state.wheels[b, r] / float(clock.ticks)
+    sample_imu(state, out, model, b, r, t, R, before, clock.tick_s)
+
+
+@wp.kernel
+def advance(
+    state: State, command: Command, out: Measurements, robots: wp.array(dtype=RobotModel), ground: Ground, clock: Clock,
+    running: wp.array(dtype=int),
+):  # fmt: skip
+    """Advance every running team by one decision."""
+    b = wp.tid()
+    if running[b] == 0:
+        return
+    n = robots.shape[0]
+    for r in range(n):
+        out.wheels[b, r] = wp.vec2(0.0, 0.0)
+    for t in range(clock.ticks):
+        for r in range(n):
+            if state.status[b, r] != DOCKED:
+                tick_robot(state, command, out, robots, ground, clock, b, r, t)
+    state.tick[b] = state.tick[b] + clock.ticks
+    for r in range(n):
+        model = robots[r]
+        spent = state.energy[b, r]
+        status = state.status[b, r]
+        out.battery[b, r] = 1.0 - float(spent[0] + spent[1] + spent[2] + spent[3]) / model.battery
+        out.docked[b, r] = int(status == DOCKED)
+        out.heard[b, r] = int(status != SWALLOWED and status != DEPLETED)

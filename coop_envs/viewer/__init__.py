@@ -1,0 +1,1 @@
+"""Viewer: top view, video, plots and the evaluation's report."""

@@ -1,0 +1,1 @@
+"""Learned policies: networks, loading, export. Their weights come from training; none are shipped yet."""
