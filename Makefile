@@ -4,7 +4,6 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
 OUT ?= out/demo
-export PYTHONWARNINGS ?= default::ResourceWarning
 
 .PHONY: demo test lint types unit verify bench clean
 

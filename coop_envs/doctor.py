@@ -86,8 +86,9 @@ def _warp() -> dict[str, Any] | None:
         return None
     import warp
 
-    warp.config.log_level = warp.LOG_ERROR
-    warp.init()
+    from coop_envs.device import prepare
+
+    prepare("cpu")
     cache = Path(warp.config.kernel_cache_dir or "")
     modules = [entry for entry in cache.iterdir() if entry.is_dir()] if cache.is_dir() else []
     return {

@@ -93,6 +93,8 @@ class Sensing:
         require(0 <= self.dropout < 1, "sensing.dropout", self.dropout, "0 up to 1")
         require(0 <= self.outlier < 1, "sensing.outlier", self.outlier, "0 up to 1")
         require(4 <= self.min_leds <= 8, "sensing.min_leds", self.min_leds, "4 to 8")
+        for name in ("full_signal_range_m", "detection_signal"):
+            require(getattr(self, name) > 0, f"sensing.{name}", getattr(self, name), "more than 0")
 
 
 @dataclass(frozen=True)
@@ -103,10 +105,14 @@ class Estimation:
     rest_s: float = 0.3
     slip_position_m_rts: float = 2.0e-4
     slip_heading_rad_rts: float = 2.0e-4
-    odometry_noise_scale: float = 2.0
+    odometry_noise_scale: float = 1.2
     stuck_s: float = 3.0
     silent_s: float = 3.0
     hazard_mark_m: float = 0.10
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            require(value >= 0, f"estimation.{name}", value, "0 or more")
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from coop_envs.agents.catalog import names
+from coop_envs.agents.catalog import load_hat, names
 from coop_envs.errors import ConfigError, WorldError
 from coop_envs.scenario import load_scenario, scenario_names, scenario_world
+from coop_envs.worlds.mesh_file import MeshFileGeometry
 
 EVERY = [(scenario, team) for scenario in scenario_names() for team in names("teams")]
 
@@ -69,7 +70,8 @@ def test_overrides_reach_into_the_team_by_name_and_number():
         },
     )
     observer, picket = scenario.team.members[:2]
-    assert (picket.robot.mass_kg, picket.hat.name) == (0.05, "hat1")
+    assert picket.robot.mass_kg == 0.05
+    assert picket.hat == load_hat("hat1")
     assert (observer.robot.name, observer.robot.mass_kg, observer.robot.track_m) == ("velociroach", 0.06, 0.065)
 
 
@@ -90,7 +92,7 @@ def test_a_scenario_is_taken_as_it_is_or_changed():
 def test_a_world_file_replaces_the_geometry_and_makes_coverage_the_task():
     scenario = load_scenario("arena", world="somewhere/hall.ply", **{"environment.geometry.scale": 0.001})
     assert (scenario.name, scenario.task.success, scenario.map.ego_stride) == ("hall", "coverage", 4)
-    assert scenario.environment.geometry.path == "somewhere/hall.ply"
+    assert scenario.environment.geometry == MeshFileGeometry("somewhere/hall.ply", scale=0.001)
     with pytest.raises(WorldError, match=r"environment\.geometry\.path: .*a file that exists"):
         scenario_world(scenario)
 

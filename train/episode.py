@@ -85,8 +85,8 @@ class Track:
         self._last = frame
 
     def series(self) -> Mapping[str, Sequence[float]]:
-        """The entries of `SERIES` over time."""
-        read = {name: [float(getattr(frame, name)) for frame in self._frames] for name in SERIES}
+        """The entries of `SERIES` and the pickets lost over time, to six digits."""
+        read = {name: [float(f"{getattr(frame, name):.6g}") for frame in self._frames] for name in SERIES}
         return {**read, "pickets_lost": [_pickets_lost(frame) for frame in self._frames]}
 
     def picture(self, world: WorldPicture) -> Picture:

@@ -61,7 +61,7 @@ COMPARED = {
     "information_bits": ("information_bits", None),
     "action_energy_j": ("action_energy_j", None),
     "pickets_lost": ("pickets_lost", None),
-    "pickets_lost_per_covered_m2": ("pickets_lost", "covered_m2"),
+    "pickets_lost_per_mapped_m2": ("pickets_lost", "mapped_m2"),
     "simulated_s": ("simulated_s", None),
 }
 
@@ -146,7 +146,7 @@ def write(document: Document, path: Path) -> None:
 
 def to_json(document: Document) -> str:
     """The document as text, ending in a new line."""
-    return json.dumps(plain(document), indent=1, allow_nan=False) + "\n"
+    return json.dumps(plain(document), allow_nan=False) + "\n"
 
 
 def plain(value: Any) -> Any:

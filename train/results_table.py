@@ -20,7 +20,7 @@ SHOWN = (
     "drift_percent_of_path",
     "simulated_s",
 )
-DIFFERENCES = ("success", "coverage", "pickets_lost", "pickets_lost_per_covered_m2", "simulated_s")
+DIFFERENCES = ("success", "coverage", "pickets_lost", "pickets_lost_per_mapped_m2", "simulated_s")
 PLAIN = Metric("", "", decimals=2)
 
 
@@ -38,14 +38,14 @@ def results_tables(document: Document) -> Group:
 
 
 def _differences(document: Document) -> list[Table]:
-    shown = [entry for entry in document["comparisons"] if entry["metric"] in DIFFERENCES]
-    if not shown:
-        return []
-    table = Table("difference", *DIFFERENCES, caption="paired differences of means (95 % interval)")
-    for a, b in dict.fromkeys((entry["a"], entry["b"]) for entry in shown):
-        found = {entry["metric"]: entry for entry in shown if (entry["a"], entry["b"]) == (a, b)}
-        table.add_row(f"{a} - {b}", *[_cell(PLAIN, found.get(name)) for name in DIFFERENCES])
-    return [table]
+    by_metric: dict[str, dict[str, dict[str, Any]]] = {}
+    for entry in document["comparisons"]:
+        by_metric.setdefault(entry["metric"], {})[f"{entry['a']} - {entry['b']}"] = entry
+    pairs = dict.fromkeys(pair for found in by_metric.values() for pair in found)
+    table = Table("paired difference", *pairs, caption="of means or ratios of sums (95 % interval)")
+    for metric in (metric for metric in DIFFERENCES if metric in by_metric):
+        table.add_row(metric, *[_cell(PLAIN, by_metric[metric].get(pair)) for pair in pairs])
+    return [table] if pairs else []
 
 
 def _cell(metric: Metric, estimate: dict[str, Any] | None) -> str:

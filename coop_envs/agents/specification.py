@@ -133,6 +133,12 @@ class Laser:
     max_deflection_rad: float = 0.785
     duties: tuple[float, ...] = (0.0, 0.3, 0.6, 1.0)
 
+    def __post_init__(self) -> None:
+        reach_fits = 0 < self.max_deflection_rad < 1.5
+        require(reach_fits, "laser.max_deflection_rad", self.max_deflection_rad, "above 0, below 1.5 rad")
+        duties_fit = bool(self.duties) and all(0 <= duty <= 1 for duty in self.duties)
+        require(duties_fit, "laser.duties", self.duties, "one or more, each 0 to 1")
+
 
 @dataclass(frozen=True)
 class RobotSpecification:
@@ -172,5 +178,7 @@ class RobotSpecification:
         )
         for name in positive.split():
             require(getattr(self, name) > 0, f"robot {self.name}.{name}", getattr(self, name), "more than 0")
+        for name in ["slip", "slip_time_s", "slope_slip", "drive_lag_s", "odometry_noise", "max_step_m", "max_drop_m"]:
+            require(getattr(self, name) >= 0, f"robot {self.name}.{name}", getattr(self, name), "0 or more")
         fits = self.contact_radius_m <= self.body_radius_m
         require(fits, f"robot {self.name}.contact_radius_m", self.contact_radius_m, "at most body_radius_m")

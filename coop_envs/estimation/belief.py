@@ -108,6 +108,8 @@ class MemberModel:
     wheel_radius: float
     track: float
     odometry_noise: float
+    slip: float
+    slip_time: float
     R_body_camera: wp.mat33d
     p_body_camera: wp.vec3d
     contact_radius: float
@@ -129,6 +131,7 @@ def member_models(team: Team, device: str) -> wp.array:
         model.gyro_walk, model.accel_walk = imu.gyro_walk_rad_s2_rthz, imu.accel_walk_m_s3_rthz
         model.wheel_radius, model.track = robot.wheel_radius_m, robot.track_m
         model.odometry_noise = robot.odometry_noise
+        model.slip, model.slip_time = robot.slip, robot.slip_time_s
         model.contact_radius, model.body_radius = robot.contact_radius_m, robot.body_radius_m
         model.picket, model.reserve = int(member.role == "picket"), int(member.reserve)
         model.camera = int(member.camera is not None)

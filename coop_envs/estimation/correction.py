@@ -28,6 +28,8 @@ ENOUGH_SIGHTINGS = wp.constant(25)
 REJECTIONS = wp.constant(3)
 REST_SETTLED_S = wp.constant(2.0)
 REST_EVERY = wp.constant(10)
+SPINNING_S = wp.constant(0.7)
+ODOMETRY_FLOOR_M_S = wp.constant(0.004)
 
 
 @wp.func
@@ -176,21 +178,30 @@ def correct_odometry(
     belief: Belief, measured: Measurements, member: MemberModel, model: FilterModel, rows: wp.array3d(dtype=wp.float64),
     b: int, r: int,
 ):  # fmt: skip
-    """Wheels give the body's forward speed and say that it moves neither sideways nor up; slip is in the noise.
+    """Wheels give the body's forward speed and say that it moves neither sideways nor up.
 
-    Not in the thesis, whose filter has no odometry: it bounds the IMU's drift while no landmark is in sight. A spinning
-    wheel on a trapped robot is thrown out by the gate.
+    Slip wanders slower than decisions follow each other, so its variance counts 2 tau / T times. Not in the thesis, whose filter has no odometry: it bounds the IMU's drift while no landmark is in sight. A spinning
+    wheel on a trapped robot is thrown out by the gate, and not listened to once a camera has seen it spin in vain.
     """
     o = 15 * belief.slot[b, r]
     rim = measured.wheels[b, r] * member.wheel_radius
     speed = 0.5 * (rim[0] + rim[1])
-    noise = wp.float64((0.01 + member.odometry_noise * (wp.abs(rim[0]) + wp.abs(rim[1])) * 0.5) * model.odometry_scale)
+    pace = 0.5 * (wp.abs(rim[0]) + wp.abs(rim[1]))
+    slip = member.slip * wp.sqrt(2.0 * member.slip_time / model.decision_s)
+    share = wp.sqrt(slip * slip + member.odometry_noise * member.odometry_noise)
+    noise = wp.float64((ODOMETRY_FLOOR_M_S + share * pace) * model.odometry_scale)
     Rt = wp.transpose(belief.rotation[b, r])
     v = belief.velocity[b, r]
     zero = wp.float64(0.0)
     residual = wp.vec3d(wp.float64(speed), zero, zero) - Rt * v
     variance = wp.vec3d(noise * noise, noise * noise, noise * noise)
     correct_pair(belief, rows, b, Rt * wp.skew(v), o + THETA, Rt, o + VELOCITY, residual, variance, GATE_THREE)
+
+
+@wp.func
+def spins_in_sight(belief: Belief, b: int, r: int) -> bool:
+    """Whether a robot's wheels have turned for a while under a camera's eye without moving it."""
+    return belief.tried_s[b, r] > SPINNING_S and belief.unseen_s[b, r] < SPINNING_S
 
 
 @wp.func
@@ -271,7 +282,7 @@ def fuse(
             if belief.stationary[b, r] == 1:
                 if belief.rest_s[b, r] < REST_SETTLED_S or belief.clock[b] % REST_EVERY == 0:
                     correct_rest(belief, measured, members[r], model, rows, b, r)
-            elif belief.declared[b, r] == WORKING:
+            elif belief.declared[b, r] == WORKING and not spins_in_sight(belief, b, r):
                 correct_odometry(belief, measured, members[r], model, rows, b, r)
     for i in range(n):
         if members[i].camera == 1:

@@ -42,7 +42,7 @@ class Frame:
     """One instant of an episode with n robots.
 
     Poses are (x, y, yaw) in metres and radians in the world frame; the belief is brought there from the team frame by
-    the first observer's start pose. Map cell ``[i, j]`` covers the square with lower corner ``cell_m * (i, j)`` in the
+    the first observer's start pose; true poses are NaN where nobody knows them, as of real robots. Map cell ``[i, j]`` covers the square with lower corner ``cell_m * (i, j)`` in the
     map frame, which lies in the world at ``T_world_map``. Arrays are copied, as the stated types, on construction.
 
     Raises:
@@ -55,7 +55,7 @@ class Frame:
     role: tuple[str, ...]
     """``observer`` or ``picket``, n of them."""
     status: NDArray[np.int8]
-    """Truth: 0 docked, 1 active, 2 trapped, 3 swallowed, 4 fallen, 5 depleted."""
+    """Truth: 0 docked, 1 active, 2 trapped, 3 swallowed, 4 fallen, 5 depleted; where unknown, what is believed."""
     declared: NDArray[np.int8]
     """Belief: 0 docked, 1 active, 2 lost."""
     true_xy_yaw: NDArray[np.float64]

@@ -23,6 +23,7 @@ GYRO_CHANNEL = wp.constant(1)
 ACCEL_CHANNEL = wp.constant(3)
 GYRO_WALK_CHANNEL = wp.constant(5)
 ACCEL_WALK_CHANNEL = wp.constant(7)
+ENCODER_CHANNEL = wp.constant(9)
 
 
 @wp.struct
@@ -151,6 +152,8 @@ def advance(
         model = robots[r]
         spent = state.energy[b, r]
         status = state.status[b, r]
+        jitter = normal2(draw_key(state.key[b], state.tick[b], r, ENCODER_CHANNEL)) * model.odometry_noise
+        out.wheels[b, r] = out.wheels[b, r] + wp.cw_mul(out.wheels[b, r], jitter)
         out.battery[b, r] = 1.0 - float(spent[0] + spent[1] + spent[2] + spent[3]) / model.battery
         out.docked[b, r] = int(status == DOCKED)
         out.heard[b, r] = int(status != SWALLOWED and status != DEPLETED)

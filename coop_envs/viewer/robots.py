@@ -49,6 +49,10 @@ class Trail:
         empty = np.empty((0, 0, 2))
         return cls(np.array(true_xy), np.array(belief_xy)) if true_xy else cls(empty, empty)
 
+    def until(self, count: int) -> Trail:
+        """The trail over the first ``count`` instants."""
+        return Trail(self.true_xy[:count], self.belief_xy[:count])
+
 
 def ellipse_points(mean_xy: NDArray[np.float64], cov_xy: NDArray[np.float64], count: int = 40) -> Points:
     """World points (count, 2) of the 2-sigma ellipse of a position with covariance (2, 2), m^2."""
@@ -84,13 +88,20 @@ def _height_at(world: WorldPicture, xy: NDArray[np.float64]) -> NDArray[np.float
     return np.where(inside & ~np.isnan(heights), heights, np.float32(LOWEST_M))
 
 
+def shown_poses(frame: Frame) -> NDArray[np.float64]:
+    """Where robots are shown (n, 3): at their true poses, or at the believed ones where the truth is unknown."""
+    known = np.isfinite(frame.true_xy_yaw).all(axis=-1, keepdims=True)
+    return np.where(known, frame.true_xy_yaw, frame.belief_xy_yaw)
+
+
 def draw_fields_of_view(picture: Picture, view: View, world: WorldPicture, frame: Frame) -> None:
     """Translucent sectors of the cameras that are out and working, in place."""
     layer = picture.copy()
     sectors: list[tuple[Points, Rgb]] = []
+    poses = shown_poses(frame)
     for i, colour in enumerate(robot_colours(frame.role)):
-        if frame.fov_rad[i] > 0 and frame.status[i] == ACTIVE:
-            points = view.px(sector_points(world, frame.true_xy_yaw[i], frame.fov_rad[i], frame.range_m[i]))
+        if frame.fov_rad[i] > 0 and frame.status[i] == ACTIVE and np.isfinite(poses[i]).all():
+            points = view.px(sector_points(world, poses[i], frame.fov_rad[i], frame.range_m[i]))
             sectors.append((points, colour))
             polygon(layer, points, mixed(colour, PAPER, 0.25))
     blend(picture, layer, 0.16)
@@ -114,14 +125,16 @@ def draw_trails(picture: Picture, view: View, trail: Trail, colours: list[Rgb]) 
 def draw_sight_lines(picture: Picture, view: View, frame: Frame, colours: list[Rgb]) -> None:
     """A dashed line from each camera to each hat it sees, in place."""
     for i, j in np.argwhere(frame.sees):
-        ends = view.px(frame.true_xy_yaw[[i, j], :2])
-        dashed(picture, ends, colours[i], dash=6, gap=4)
+        ends = view.px(shown_poses(frame)[[i, j], :2])
+        if np.isfinite(ends).all():
+            dashed(picture, ends, colours[i], dash=6, gap=4)
 
 
 def draw_robots(picture: Picture, view: View, frame: Frame) -> None:
     """True robots as discs with their heading, believed ones as outlines with 2-sigma ellipses, in place."""
     colours = robot_colours(frame.role)
-    out = [i for i in range(len(frame.names)) if frame.status[i] != DOCKED and np.isfinite(frame.true_xy_yaw[i]).all()]
+    placed = np.isfinite(shown_poses(frame)).all(axis=-1)
+    out = np.flatnonzero(placed & (frame.status != DOCKED)).tolist()
     for i in sorted(out, key=lambda i: frame.status[i] == ACTIVE):
         _draw_true_robot(picture, view, frame, i, colours[i])
     for i in out:
@@ -145,6 +158,8 @@ def _draw_ellipse(picture: Picture, view: View, frame: Frame, i: int, colour: Rg
 
 def _draw_true_robot(picture: Picture, view: View, frame: Frame, i: int, colour: Rgb) -> None:
     x, y, yaw = frame.true_xy_yaw[i]
+    if not math.isfinite(x + y + yaw):
+        return
     centre, radius = view.px((x, y)), radius_px(view, frame.body_radius_m[i])
     working = frame.status[i] == ACTIVE
     draw_disc(picture, centre, radius, yaw, colour if working else LOST)
@@ -207,7 +222,7 @@ def draw_dock(picture: Picture, centre: Points, text: str, reach: float = 9.0) -
 
 def _label(picture: Picture, view: View, frame: Frame, i: int, colour: Rgb) -> None:
     radius = radius_px(view, frame.body_radius_m[i])
-    u, v = view.px(frame.true_xy_yaw[i, :2])
+    u, v = view.px(shown_poses(frame)[i, :2])
     name = frame.role[i][0].upper() + frame.names[i].rpartition("_")[2]
     shade = mixed(colour, INK, 0.3) if frame.status[i] == ACTIVE else mixed(LOST, INK, 0.5)
     offset = radius + 7 if frame.stationary[i] else 0.75 * radius + 3

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -38,6 +39,15 @@ def draw(
     draw_robots(area, view, frame)
     write_figures(picture[view.height : view.height + FIGURES_PX], frame)
     return picture
+
+
+def draw_episode(
+    world: WorldPicture, frames: Sequence[Frame], size_px: int = 480, legend: bool = True
+) -> Iterator[Picture]:
+    """The pictures of an episode one by one, with growing trails, as `write_video` takes them."""
+    trail = Trail.from_frames(frames)
+    for k, frame in enumerate(frames):
+        yield draw(world, frame, trail.until(k + 1), size_px, legend)
 
 
 def view_of(world: WorldPicture, size_px: int) -> View:

@@ -49,7 +49,7 @@ def find_start(ground: HeightField, floor: Mask, team: Sequence[Footprint], form
         candidates = np.argwhere(clear[::stride, ::stride]) * stride
         fits = _fits(ground, clear, candidates, yaws, offsets)
         if fits.any():
-            score = np.where(fits, _free_sight_m(ground, clear, candidates, yaws), -1.0)
+            score = _free_sight_m(ground, clear, candidates, yaws, fits)
             best, heading = np.unravel_index(int(score.argmax()), score.shape)
             i, j = candidates[best]
             return float(xs[i]), float(ys[j]), math.remainder(float(yaws[heading]), math.tau)
@@ -120,25 +120,27 @@ def _largest(labels: NDArray[np.int32]) -> Mask:
 
 
 def _free_sight_m(
-    ground: HeightField, clear: Mask, candidates: NDArray[np.intp], yaws: NDArray[np.float64]
+    ground: HeightField, clear: Mask, candidates: NDArray[np.intp], yaws: NDArray[np.float64], fits: Mask
 ) -> NDArray[np.float64]:
-    """How far (candidates, yaws) one can go straight ahead on clear ground within ``LEVEL_M`` of the start's height."""
+    """How far (candidates, yaws) one can go straight ahead on clear ground within ``LEVEL_M`` of the start's height.
+
+    Only where ``fits``, elsewhere -1. Looks at every second node: clear ground has wider gaps.
+    """
     directions = np.stack([np.cos(yaws), np.sin(yaws)], axis=-1)
-    alive = np.ones((len(candidates), len(yaws)), dtype=bool)
-    sight = np.zeros(alive.shape)
-    here = ground.heights_m[candidates[:, 0], candidates[:, 1]][:, None]
+    heights = ground.heights_m
+    here = heights[candidates[:, 0], candidates[:, 1]]
+    sight = np.where(fits, 0.0, -1.0)
+    rows, columns = np.nonzero(fits)
     high = np.array(clear.shape) - 1
-    for step in range(1, int(SIGHT_M / ground.cell_m)):
-        rows, columns = np.nonzero(alive)
+    for step in range(2, int(SIGHT_M / ground.cell_m), 2):
+        node = np.rint(candidates[rows] + step * directions[columns]).astype(np.intp)
+        i, j = np.clip(node, 0, high).T
+        goes_on = np.all((node >= 0) & (node <= high), axis=1) & clear[i, j]
+        goes_on &= np.abs(heights[i, j] - here[rows]) <= LEVEL_M
+        rows, columns = rows[goes_on], columns[goes_on]
         if not len(rows):
             break
-        node = np.rint(candidates[rows] + step * directions[columns]).astype(np.intp)
-        inside = np.all((node >= 0) & (node <= high), axis=1)
-        i, j = np.clip(node, 0, high).T
-        level = np.abs(ground.heights_m[i, j] - here[rows, 0]) <= LEVEL_M
-        goes_on = inside & clear[i, j] & level
-        sight[rows[goes_on], columns[goes_on]] = step * ground.cell_m
-        alive[rows[~goes_on], columns[~goes_on]] = False
+        sight[rows, columns] = step * ground.cell_m
     return sight
 
 

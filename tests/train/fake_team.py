@@ -86,7 +86,7 @@ class FakeTeam:
             "bits_per_joule": 100.0 * self.coverage / max(self.time_s, 1e-9),
             "hazards_found": 1,
             "pickets_lost": 1,
-            "covered_m2": 0.25 * self.coverage,
+            "mapped_m2": 0.25 * self.coverage,
             "observer_survived": True,
             "position_drift_m": np.float32(0.01),
             "heading_drift_deg": 0.5,

@@ -54,7 +54,7 @@ def test_outputs_are_complete(options, tmp_path, capsys):
     assert summary["success"]["value"] == pytest.approx(2 / 3)
     assert summary["coverage"]["low"] <= summary["coverage"]["value"] <= summary["coverage"]["high"]
     same = {c["metric"]: (c["value"], c["low"], c["high"]) for c in document["comparisons"]}
-    assert same["pickets_lost_per_covered_m2"] == (0.0, 0.0, 0.0)
+    assert same["pickets_lost_per_mapped_m2"] == (0.0, 0.0, 0.0)
     assert min(path.name for path in (options.out / "episodes").iterdir()) == "still_policy_0000.mcap"
     assert "twin" in capsys.readouterr().out
     assert (options.out / "report.html").is_file()

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from coop_envs.errors import ConfigError, WorldError
 from coop_envs.worlds.arena import ArenaGeometry, RandomArenaGeometry
-from coop_envs.worlds.build import build_world, world_seed
+from coop_envs.worlds.build import Split, build_world, world_seed
 from coop_envs.worlds.truth import hazard_margin_m, safe_path_exists
 from tests.worlds.builders import OBSERVER, team_of
 
@@ -65,7 +65,7 @@ def test_random_arenas_have_clear_starts_and_a_safe_path(index, split):
 
 
 def test_same_index_same_arena_and_other_index_another():
-    def build(index, split="train"):
+    def build(index: int, split: Split = "train"):
         return build_world(RandomArenaGeometry(), team_of(1), split=split, index=index)
 
     assert build(3).hazards == build(3).hazards

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from coop_envs.errors import ConfigError, WorldError
-from coop_envs.worlds.build import build_world
+from coop_envs.worlds.build import Split, build_world
 from coop_envs.worlds.mesh_file import MeshFileGeometry
 from coop_envs.worlds.truth import truth_grid
 from tests.worlds.builders import room, team_of, written
@@ -53,7 +53,7 @@ def test_a_narrow_corridor_makes_the_team_close_up(tmp_path):
 
 
 def test_hidden_traps_are_seeded_reachable_apart_and_away_from_the_start(hall):
-    def traps(index, split="train"):
+    def traps(index: int, split: Split = "train"):
         return build_world(MeshFileGeometry(hall, hazards=3), team_of(1), split=split, index=index)
 
     world = traps(0)
