@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,38 +11,69 @@ from numpy.typing import ArrayLike, NDArray
 from coop_envs.mapping.planning import BeliefGrid
 
 UNKNOWN = 128
-FREE = 64
 SPARE_CELLS = 16
+SAME_LOSS_M = 0.08
+
+Point = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What the team knows of the ground: its belief, failures (nx, ny) to get to each cell, places of lost robots."""
+
+    grid: BeliefGrid
+    doubt: NDArray[np.uint8]
+    losses: tuple[Point, ...]
+
+    def around(self, points: ArrayLike, margin_m: float) -> Survey:
+        """The part around some points (k, 2)."""
+        part = self.grid.part_around(points, margin_m)
+        return Survey(self.grid.part(part), self.doubt[part], self.losses)
 
 
 class Atlas:
     """A growing grid of P(ground) and P(obstacle) in 255ths, as the agents' windows showed it last.
 
-    A window's corner is a multiple of the cell, so stitching copies cells and loses nothing. Bumps are places where a
-    robot was stopped; they are kept apart and forgotten where a window later shows free space.
+    A window's corner is a multiple of the cell, so stitching copies cells and loses nothing. The atlas also remembers
+    how often pickets failed to get to a cell, and where robots were lost.
     """
 
     def __init__(self, cell_m: float) -> None:
         self.cell_m = cell_m
-        self._bumped = False
         self._corner = np.zeros(2, dtype=np.intp)
         self._layers = _unknown(0, 0)
+        self._losses: list[Point] = []
 
-    def add(self, corner_m: tuple[float, float], window: NDArray[np.uint8]) -> None:
+    @property
+    def survey(self) -> Survey:
+        """All of it, as views: they change with the next window."""
+        x, y = (self._corner * self.cell_m).tolist()
+        ground, obstacle, doubt = self._layers
+        return Survey(BeliefGrid(ground, obstacle, (x, y), self.cell_m), doubt, tuple(self._losses))
+
+    @property
+    def grid(self) -> BeliefGrid:
+        return self.survey.grid
+
+    def add(self, corner_m: Point, window: NDArray[np.uint8]) -> None:
         """Take over a window (2 or more, n, m): channels ground and obstacle, lower corner (x, y) in metres."""
         i, j = round(corner_m[0] / self.cell_m), round(corner_m[1] / self.cell_m)
         n, m = window.shape[1:]
         i, j = self._room_for(i, j, n, m)
-        part = self._layers[:, i : i + n, j : j + m]
-        part[:2] = window[:2]
-        if self._bumped:
-            part[2][window[1] <= FREE] = 0
+        self._layers[:2, i : i + n, j : j + m] = window[:2]
 
-    def bump(self, xy_m: tuple[float, float]) -> None:
-        """Note that a robot was stopped by something at a point (x, y)."""
-        self._bumped = True
+    def failed(self, xy_m: Point) -> None:
+        """Note that a picket failed to get to a point (x, y)."""
         i, j = self._room_for(math.floor(xy_m[0] / self.cell_m), math.floor(xy_m[1] / self.cell_m), 1, 1)
-        self._layers[2, i, j] = 255
+        self._layers[2, i, j] = min(self._layers[2, i, j] + 1, 8)
+
+    def lost(self, xy_m: Point) -> None:
+        """Note where a lost robot is believed to be, again and again if need be."""
+        for k, (x, y) in enumerate(self._losses):
+            if math.hypot(x - xy_m[0], y - xy_m[1]) < SAME_LOSS_M:
+                self._losses[k] = xy_m
+                return
+        self._losses.append(xy_m)
 
     def include(self, points_m: ArrayLike) -> None:
         """Make room for points (k, 2), unknown until a window shows them."""
@@ -50,24 +81,13 @@ class Atlas:
         (i, j), (n, m) = cells.min(axis=0).tolist(), (np.ptp(cells, axis=0) + 1).tolist()
         self._room_for(i, j, n, m)
 
-    @property
-    def grid(self) -> BeliefGrid:
-        """The whole grid without bumps, a view: it changes with the next window."""
-        x, y = (self._corner * self.cell_m).tolist()
-        return BeliefGrid(self._layers[0], self._layers[1], (x, y), self.cell_m)
-
-    @property
-    def grid_with_bumps(self) -> BeliefGrid:
-        """The whole grid, bumps taken for obstacles."""
-        return replace(self.grid, obstacle=np.maximum(self._layers[1], self._layers[2]))
-
-    def at(self, points_m: NDArray[np.float64]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-        """P(ground) and P(obstacle), each (k,) in 255ths, bumps included, at points (k, 2); unknown beyond the grid."""
+    def at(self, points_m: NDArray[np.float64]) -> NDArray[np.uint8]:
+        """P(ground), P(obstacle) in 255ths and failures, (3, k), at points (k, 2); unknown beyond the grid."""
         cells = np.floor(points_m / self.cell_m).astype(int) - self._corner
         inside = np.all((cells >= 0) & (cells < self._layers.shape[1:]), axis=1)
         values = _unknown(len(cells), 1)[:, :, 0]
         values[:, inside] = self._layers[:, cells[inside, 0], cells[inside, 1]]
-        return values[0], np.maximum(values[1], values[2])
+        return values
 
     def _room_for(self, i: int, j: int, n: int, m: int) -> tuple[int, int]:
         """Grow, if need be, until cells (i, j) .. (i + n, j + m) fit; return (i, j) as indices of the layers."""
@@ -90,7 +110,7 @@ class Atlas:
 
 
 def _unknown(nx: int, ny: int) -> NDArray[np.uint8]:
-    """Layers (3, nx, ny) of ground and obstacle never seen, and of no bumps."""
+    """Layers (3, nx, ny) of ground and obstacle never seen, and of no failures."""
     layers = np.full((3, nx, ny), UNKNOWN, dtype=np.uint8)
     layers[2] = 0
     return layers

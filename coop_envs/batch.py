@@ -87,7 +87,7 @@ class TeamBatch:
         kinds = pickets(scenario.team, device)
         table = wp.array(cell_information_ubit(), dtype=int, device=device)
         self._accounts = [self.state, self.map, self.truth, self.map_model, self.score]
-        drives = drive_models(scenario.team, device)
+        drives = drive_models(scenario.team, scenario.task.collect_lost, device)
         called = [self.actions, self.belief.declared, self.belief.undock, drives, self.command]
         scored = [self.state, self.belief, self.map, self.truth, self.map_model]
         scored += [score_model(scenario.reward, scenario.task, decision_s), self.score, kinds, table, self.running]

@@ -27,7 +27,6 @@ from coop_envs.world_pool import default_num_worlds, open_pool, world_index
 from coop_envs.worlds.build import SPLITS, Split
 
 Observation = dict[str, NDArray[Any]]
-TRAIL_STEP_S = 0.2
 
 
 class ExplorationParallelEnv(ParallelEnv[str, Observation, NDArray[np.float32]]):
@@ -61,7 +60,8 @@ class ExplorationParallelEnv(ParallelEnv[str, Observation, NDArray[np.float32]])
         self._seed, self._episode = seed if seed is not None else 0, -1
         self._loaded: tuple[Split, int] | None = None
         self._batch: TeamBatch | None = None
-        self._trail: dict[str, list[tuple[float, float]]] = {}
+        self._picture: WorldPicture | None = None
+        self._past: list[Frame] = []
 
     @functools.cached_property
     def _spaces(self) -> tuple[spaces.Dict, spaces.Box]:
@@ -116,6 +116,7 @@ class ExplorationParallelEnv(ParallelEnv[str, Observation, NDArray[np.float32]])
         if self._loaded != (split, index):
             self._batch = TeamBatch(self.scenario, open_pool(self.scenario, split, [index]), 1, self.device)
             self._loaded = (split, index)
+            self._picture = world_picture(self.batch.pool.worlds[0])
             self._link(self._batch)
         keys = np.array([team_key(self._seed, self._episode)], dtype=np.uint64)
         self.batch.place(np.ones(1, dtype=np.int32), keys, np.zeros(1, dtype=np.int32))
@@ -123,8 +124,7 @@ class ExplorationParallelEnv(ParallelEnv[str, Observation, NDArray[np.float32]])
         self._actions[:, 0] = 1.0
         self.batch.step()
         self.agents = list(self.possible_agents)
-        self._trail = {}
-        self._extend_trail()
+        self._past = [self.frame()] if self.render_mode is not None else []
         return self._observe(self.agents), {name: {} for name in self.agents}
 
     def _link(self, batch: TeamBatch) -> None:
@@ -173,15 +173,9 @@ class ExplorationParallelEnv(ParallelEnv[str, Observation, NDArray[np.float32]])
         truncations = {name: bool(truncated[self._place[name]]) for name in acting}
         self.agents = [name for name in acting if not terminations[name] and not truncations[name]]
         if self.render_mode is not None:
-            self._extend_trail()
+            self._past.append(self.frame())
         infos: dict[str, dict[str, Any]] = {name: {"reward_terms": terms} for name in acting}
         return observations, dict.fromkeys(acting, reward), terminations, truncations, infos
-
-    def _extend_trail(self) -> None:
-        position, status = self.batch.state.position.numpy()[0], self.batch.state.status.numpy()[0]
-        for name, i in self._place.items():
-            if status[i] > 0:
-                self._trail.setdefault(name, []).append((float(position[i, 0]), float(position[i, 1])))
 
     def frame(self) -> Frame:
         """Truth and belief now, for viewers and logs."""
@@ -189,7 +183,8 @@ class ExplorationParallelEnv(ParallelEnv[str, Observation, NDArray[np.float32]])
 
     def world_picture(self) -> WorldPicture:
         """What is drawn of the present world."""
-        return world_picture(self.batch.pool.worlds[0])
+        assert self.batch and self._picture is not None
+        return self._picture
 
     def metrics(self) -> dict[str, Any]:
         """The episode so far in numbers; see `metrics.episode_metrics`."""
@@ -199,9 +194,10 @@ class ExplorationParallelEnv(ParallelEnv[str, Observation, NDArray[np.float32]])
         """The top view (height, width, 3), truth and belief together."""
         if self.render_mode is None:
             return None
+        from coop_envs.viewer.robots import Trail
         from coop_envs.viewer.topview import draw
 
-        return draw(self.world_picture(), self.frame(), trail=self._trail)
+        return draw(self.world_picture(), self.frame(), Trail.from_frames(self._past))
 
     def get_state(self) -> dict[str, Any]:
         """Everything that an episode's future depends on."""

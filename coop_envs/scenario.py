@@ -130,12 +130,17 @@ class MapSettings:
 
 @dataclass(frozen=True)
 class Task:
-    """What counts as done: a goal reached by the observer, or a share of the reachable ground mapped."""
+    """What counts as done: a goal reached by the observer, or a share of the reachable ground mapped.
+
+    With ``collect_lost`` somebody takes lost robots out of the way, as in the experiments of thesis section 2.2.3;
+    else they stay where they are, as obstacles and, while their hats are lit, as landmarks.
+    """
 
     __pydantic_config__ = STRICT
     success: Literal["goal", "coverage"] = "goal"
     time_limit_s: float = 600.0
     coverage_target: float = 0.9
+    collect_lost: bool = False
 
     def __post_init__(self) -> None:
         require(self.time_limit_s > 0, "task.time_limit_s", self.time_limit_s, "more than 0 s")

@@ -21,6 +21,8 @@ class Command:
         1 where the robot is told to stand still.
     undock
         1 where a reserve is told to leave its dock.
+    collect
+        1 where a person is asked to take a lost robot out of the way, as in the experiments of thesis section 2.2.3.
     """
 
     wheels: wp.array2d(dtype=wp.vec2)
@@ -29,3 +31,4 @@ class Command:
     galvo: wp.array2d(dtype=wp.vec2i)
     hold: wp.array2d(dtype=int)
     undock: wp.array2d(dtype=int)
+    collect: wp.array2d(dtype=int)

@@ -32,13 +32,17 @@ AT_WORK = wp.constant(1)
 
 @wp.struct
 class DriveModel:
-    """Wheel radius and track (m), speeds that an action of 1 asks for (m/s, rad/s), largest rim speed (m/s)."""
+    """Wheel radius and track (m), speeds that an action of 1 asks for (m/s, rad/s), largest rim speed (m/s).
+
+    ``collect`` is 1 where lost robots are taken out of the way by hand.
+    """
 
     wheel_radius: float
     track: float
     cruise_speed: float
     cruise_yaw_rate: float
     max_speed: float
+    collect: int
 
 
 def action_mask(member: Member) -> NDArray[np.int8]:
@@ -47,14 +51,14 @@ def action_mask(member: Member) -> NDArray[np.int8]:
     return np.array([1, 1, 1, 0, laser, laser, laser, int(member.hat is not None)], dtype=np.int8)
 
 
-def drive_models(team: Team, device: str) -> wp.array:
+def drive_models(team: Team, collect_lost: bool, device: str) -> wp.array:
     """Pack every member's drive (N,)."""
     models = []
     for member in team.members:
         model = DriveModel()
         model.wheel_radius, model.track = member.robot.wheel_radius_m, member.robot.track_m
         model.cruise_speed, model.cruise_yaw_rate = member.cruise_speed_m_s, member.cruise_yaw_rate_rad_s
-        model.max_speed = member.robot.max_speed_m_s
+        model.max_speed, model.collect = member.robot.max_speed_m_s, int(collect_lost)
         models.append(model)
     return wp.array(models, dtype=DriveModel, device=device)
 
@@ -83,6 +87,7 @@ def control(
     command.laser[b, r] = 0.0
     command.galvo[b, r] = wp.vec2i(0, 0)
     command.undock[b, r] = called[b, r]
+    command.collect[b, r] = int(declared[b, r] > AT_WORK) * model.collect
     if declared[b, r] != AT_WORK:
         command.wheels[b, r] = wp.vec2(0.0, 0.0)
         command.hold[b, r] = 1

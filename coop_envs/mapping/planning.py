@@ -1,4 +1,4 @@
-"""Paths over a believed grid: safe ones over proven ground only, and scouting ones that may try unknown ground.
+"""Safe paths over a believed grid: over proven ground only, clear of obstacles and of other robots.
 
 The search itself is scikit-image's minimum-cost path; this module says what a cell costs and which cells may be used.
 
@@ -25,8 +25,6 @@ Cell = tuple[int, int]
 COMFORT_M = 0.10  # a robot with this much clearance pays nothing for being near an edge
 SHYNESS = 3.0  # what a metre along the very edge of the proven ground costs above one in the open, in metres
 ENTRY_CELLS = 2.2  # how far from the robot its first safe cell may lie
-UNKNOWN_PRICE, NEAR_HAZARD_PRICE, BLOCKED_PRICE, HAZARD_PRICE = 4.0, 12.0, 60.0, 200.0
-NEAR_HAZARD_M = 0.10
 
 
 @dataclass(frozen=True)
@@ -60,16 +58,19 @@ class BeliefGrid:
         dy = self.origin_m[1] + (np.arange(self.ground.shape[1]) + 0.5) * self.cell_m - y
         return dx[:, None] ** 2 + dy[None, :] ** 2 <= radius**2
 
-    def crop(self, points: ArrayLike, margin_m: float) -> BeliefGrid:
-        """The part of the grid around some points (k, 2)."""
+    def part_around(self, points: ArrayLike, margin_m: float) -> tuple[slice, slice]:
+        """Slices of the cells around some points (k, 2), at least one cell."""
         p = np.asarray(points)
-        shape = np.array(self.ground.shape)
-        low = np.clip(self.cell_of(p.min(axis=0) - margin_m), 0, shape - 1)
-        high = np.clip(self.cell_of(p.max(axis=0) + margin_m) + 1, low + 1, shape)
+        last = np.array(self.ground.shape) - 1
+        low = np.clip(self.cell_of(p.min(axis=0) - margin_m), 0, last).tolist()
+        high = np.clip(self.cell_of(p.max(axis=0) + margin_m), 0, last).tolist()
+        return slice(low[0], high[0] + 1), slice(low[1], high[1] + 1)
+
+    def part(self, cells: tuple[slice, slice]) -> BeliefGrid:
+        """A rectangle of the grid."""
         x, y = self.origin_m
-        corner = (x + float(low[0]) * self.cell_m, y + float(low[1]) * self.cell_m)
-        part = (slice(low[0], high[0]), slice(low[1], high[1]))
-        return BeliefGrid(self.ground[part], self.obstacle[part], corner, self.cell_m)
+        corner = (x + cells[0].start * self.cell_m, y + cells[1].start * self.cell_m)
+        return BeliefGrid(self.ground[cells], self.obstacle[cells], corner, self.cell_m)
 
     def trusting(self, disc: Disc) -> BeliefGrid:
         """The grid with unknown cells in a disc taken as proven; hazards stay hazards."""
@@ -146,7 +147,7 @@ class SafeRoutes:
         entries = self._entries()
         if entries:
             price = np.where(self.safe, 1.0 + SHYNESS * (1.0 - np.clip(spare / COMFORT_M, 0.0, 1.0)), -1.0)
-            self._search = _search(price, diagonal=footprint.reach_m(grid.cell_m) >= grid.cell_m)
+            self._search = minimum_cost_search(price, diagonal=footprint.reach_m(grid.cell_m) >= grid.cell_m)
             self.cost_m = self._search.find_costs(entries)[0] * grid.cell_m
 
     def _entries(self) -> list[Cell]:
@@ -199,27 +200,8 @@ def safe_path(
     return None if cell is None else routes.path_to(cell)
 
 
-def scouting_path(grid: BeliefGrid, start_m: ArrayLike, goal_m: ArrayLike, contact_radius_m: float) -> Points:
-    """Waypoints (k, 2) for an expendable robot: over proven ground while it can, through unknown ground where it must.
-
-    Known hazards and obstacles are dear, not forbidden, so there is always an answer. Both ends must lie in the grid.
-    """
-    from scipy.ndimage import distance_transform_edt
-
-    price = np.where(grid.ground >= PROVEN, 1.0, UNKNOWN_PRICE)
-    hazard_m = distance_transform_edt(grid.ground > HAZARD) * grid.cell_m
-    obstacle_m = distance_transform_edt(grid.obstacle < BLOCKED) * grid.cell_m
-    price[(hazard_m <= contact_radius_m + NEAR_HAZARD_M) & (grid.ground < PROVEN)] = NEAR_HAZARD_PRICE
-    price[obstacle_m <= contact_radius_m] = BLOCKED_PRICE
-    price[hazard_m <= contact_radius_m] = HAZARD_PRICE
-    start, goal = (tuple(grid.cell_of(p).tolist()) for p in (start_m, goal_m))
-    search = _search(price, diagonal=True)
-    search.find_costs([start], [goal])
-    middle = grid.centre_of(np.array(search.traceback(goal))[1:-1].reshape(-1, 2))
-    return np.vstack([np.asarray(start_m)[None], middle, np.asarray(goal_m)[None]])
-
-
-def _search(price: NDArray[np.float64], diagonal: bool) -> Any:
+def minimum_cost_search(price: NDArray[np.float64], diagonal: bool) -> Any:
+    """scikit-image's search over a grid of prices (nx, ny); negative ones cannot be entered."""
     from skimage.graph import MCP_Geometric
 
     return MCP_Geometric(price, fully_connected=diagonal)

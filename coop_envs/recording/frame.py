@@ -42,8 +42,9 @@ class Frame:
     """One instant of an episode with n robots.
 
     Poses are (x, y, yaw) in metres and radians in the world frame; the belief is brought there from the team frame by
-    the first observer's start pose; true poses are NaN where nobody knows them, as of real robots. Map cell ``[i, j]`` covers the square with lower corner ``cell_m * (i, j)`` in the
-    map frame, which lies in the world at ``T_world_map``. Arrays are copied, as the stated types, on construction.
+    the first observer's start pose; true poses are NaN where nobody knows them, as of real robots. Map cell ``[i, j]``
+    covers the square with lower corner ``cell_m * (i, j)`` in the map frame, which lies in the world at
+    ``T_world_map``. Arrays are copied, as the stated types, on construction.
 
     Raises:
         ConfigError: an array of the wrong shape.

@@ -110,9 +110,10 @@ def ground_motion(model: RobotModel, wheels: wp.vec2, slip: wp.vec2, scale: floa
 
 
 @wp.func
-def present(status: int) -> bool:
-    """Whether a robot of this status stands in the world, seen and in the way."""
-    return status != DOCKED and status != SWALLOWED
+def present(state: State, b: int, r: int) -> bool:
+    """Whether a robot stands in the world, to be seen and in the way."""
+    status = state.status[b, r]
+    return status != DOCKED and status != SWALLOWED and state.collected[b, r] == 0
 
 
 @wp.func
@@ -120,7 +121,7 @@ def around_robots(state: State, robots: wp.array(dtype=RobotModel), b: int, r: i
     """A step less what would push into another robot."""
     free = step
     for o in range(robots.shape[0]):
-        if o != r and present(state.status[b, o]):
+        if o != r and present(state, b, o):
             other = state.position[b, o]
             gap = wp.vec2(other[0], other[1]) - foot
             if wp.length(gap - free) < robots[r].body_radius + robots[o].body_radius:

@@ -16,7 +16,7 @@ from coop_envs.sensing.leds import LedModel
 from coop_envs.sensing.measurements import allocate_measurements
 from coop_envs.simulation.dynamics import Ground
 from coop_envs.simulation.parameters import pack_hazards, pack_robots, pack_terrain
-from coop_envs.simulation.reset import Starts, place_teams, undock
+from coop_envs.simulation.reset import Starts, place_teams, serve_dock
 from coop_envs.simulation.sight import see
 from coop_envs.simulation.state import State
 from coop_envs.simulation.step import Clock, advance
@@ -57,7 +57,7 @@ class FastPhysics:
         self.measurements = allocate_measurements(teams, n, clock.ticks, device)
         self.running = wp.ones(teams, dtype=int, device=device)
         shared = [self.state, self.command]
-        self._undock = self._record(undock, teams, [*shared, self.robots, self.starts, self.ground, self.running])
+        self._serve_dock = self._record(serve_dock, teams, [*shared, self.robots, self.starts, self.ground, self.running])
         self._advance = self._record(advance, teams, [*shared, self.measurements, self.robots, self.ground, clock, self.running])
         sight = [*shared, self.measurements, self.robots, self.cameras, leds, led_model, self.ground, self.running]
         self._see = self._record(see, (teams, n), sight)
@@ -73,7 +73,7 @@ class FastPhysics:
 
     def step(self) -> None:
         """Carry out ``command`` for one decision and fill ``measurements``."""
-        self._undock.launch()
+        self._serve_dock.launch()
         self._advance.launch()
         self._see.launch()
 

@@ -62,6 +62,7 @@ def place_teams(
             pose = pose + wp.vec3(a[0], a[1], turn[0] * starts.yaw_sigma)
         stand_at(state, model, ground, b, r, pose)
         state.status[b, r] = ACTIVE
+        state.collected[b, r] = 0
         if model.reserve == 1:
             state.status[b, r] = DOCKED
         state.slip[b, r] = normal2(draw_key(key[b], 0, r, PLACE_CHANNEL + 2)) * model.slip
@@ -74,21 +75,23 @@ def place_teams(
 
 
 @wp.kernel
-def undock(
+def serve_dock(
     state: State, command: Command, robots: wp.array(dtype=RobotModel), starts: Starts, ground: Ground,
     running: wp.array(dtype=int),
 ):  # fmt: skip
-    """Put reserves that are told to leave their dock before it, one a decision, once nobody stands there."""
+    """Take away the robots to be collected; put reserves that are called before the dock once nobody stands there."""
     b = wp.tid()
     if running[b] == 0:
         return
     for r in range(robots.shape[0]):
+        if command.collect[b, r] == 1:
+            state.collected[b, r] = 1
         if state.status[b, r] == DOCKED and command.undock[b, r] == 1:
             pose = starts.dock[state.world[b]]
             free = bool(True)
             for o in range(robots.shape[0]):
                 gap = wp.length(wp.vec2(state.position[b, o][0] - pose[0], state.position[b, o][1] - pose[1]))
-                if present(state.status[b, o]) and gap < robots[o].body_radius + robots[r].body_radius:
+                if present(state, b, o) and gap < robots[o].body_radius + robots[r].body_radius:
                     free = bool(False)
             if free:
                 a = normal2(draw_key(state.key[b], state.tick[b], r, PLACE_CHANNEL)) * starts.position_sigma

@@ -32,7 +32,7 @@ def hidden_by_robot(state: State, robots: wp.array(dtype=RobotModel), b: int, i:
     if length2 < 1.0e-9:
         return False
     for k in range(robots.shape[0]):
-        if k != i and k != j and present(state.status[b, k]):
+        if k != i and k != j and present(state, b, k):
             p = state.position[b, k]
             s = wp.clamp(wp.dot(wp.vec2(p[0] - a[0], p[1] - a[1]), d) / length2, 0.0, 1.0)
             off = wp.length(wp.vec2(a[0] + s * d[0] - p[0], a[1] + s * d[1] - p[1]))
@@ -83,7 +83,7 @@ def see(
         return
     for j in range(robots.shape[0]):
         out.seen[b, i, j] = 0
-        both = present(state.status[b, i]) and present(state.status[b, j]) and state.status[b, i] != DEPLETED
+        both = present(state, b, i) and present(state, b, j) and state.status[b, i] != DEPLETED
         if i != j and cameras[i].fitted == 1 and robots[j].leds > 0 and both:
             information = look_at(state, command, robots, cameras, leds, model, ground, b, i, j)
             factor = cholesky6(information)

@@ -34,8 +34,8 @@ class State:
         (B, N) body origin, R_world_body, velocity averaged over the last tick.
     yaw, wheels, slip
         (B, N) heading, actual wheel speeds (rad/s), relative slip of both sides.
-    status
-        (B, N) a `Status`.
+    status, collected
+        (B, N) a `Status`; 1 where someone has taken a lost robot out of the world.
     energy
         (B, N) joules drawn so far: idle, motion, markers, scanner.
     gyro_bias, accel_bias
@@ -55,6 +55,7 @@ class State:
     wheels: wp.array2d(dtype=wp.vec2)
     slip: wp.array2d(dtype=wp.vec2)
     status: wp.array2d(dtype=int)
+    collected: wp.array2d(dtype=int)
     energy: wp.array2d(dtype=wp.vec4d)
     gyro_bias: wp.array2d(dtype=wp.vec3)
     accel_bias: wp.array2d(dtype=wp.vec3)

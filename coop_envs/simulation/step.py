@@ -145,7 +145,7 @@ def advance(
         out.wheels[b, r] = wp.vec2(0.0, 0.0)
     for t in range(clock.ticks):
         for r in range(n):
-            if state.status[b, r] != DOCKED:
+            if state.status[b, r] != DOCKED and state.collected[b, r] == 0:
                 tick_robot(state, command, out, robots, ground, clock, b, r, t)
     state.tick[b] = state.tick[b] + clock.ticks
     for r in range(n):
@@ -156,4 +156,4 @@ def advance(
         out.wheels[b, r] = out.wheels[b, r] + wp.cw_mul(out.wheels[b, r], jitter)
         out.battery[b, r] = 1.0 - float(spent[0] + spent[1] + spent[2] + spent[3]) / model.battery
         out.docked[b, r] = int(status == DOCKED)
-        out.heard[b, r] = int(status != SWALLOWED and status != DEPLETED)
+        out.heard[b, r] = int(status != SWALLOWED and status != DEPLETED and state.collected[b, r] == 0)

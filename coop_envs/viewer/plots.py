@@ -19,6 +19,7 @@ from coop_envs.viewer.metrics import Metric
 from coop_envs.viewer.palette import INK, MUTED, POLICIES, RULE, TRUE_HAZARDS, Rgb, robot_colours
 from coop_envs.viewer.robots import Trail, ellipse_points
 from coop_envs.viewer.terrain import hazard_outline, shaded_ground
+from coop_envs.viewer.window import episode_window
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -74,9 +75,10 @@ def _bars(axes: Axes, metric: Metric, intervals: Mapping[str, Interval]) -> None
 
 def draw_trajectories(world: WorldPicture, frames: Sequence[Frame], ellipses: int = 12) -> Figure:
     """True paths (lines), believed paths (dashed) and some 2-sigma ellipses over the map of one episode, in metres."""
-    x_min, y_min, x_max, y_max = world.bounds
+    window = episode_window(world, frames)
+    x_min, y_min, x_max, y_max = window
     figure, axes = _figure(6.2, min(6.0, max(2.0, 5.6 * (y_max - y_min) / (x_max - x_min) + 0.6)))
-    axes.imshow(shaded_ground(world, View.fit(world.bounds, 800, margin=0)), extent=(x_min, x_max, y_min, y_max))
+    axes.imshow(shaded_ground(world, View.fit(window, 800, margin=0)), extent=(x_min, x_max, y_min, y_max))
     for hazard in world.hazards:
         axes.fill(*hazard_outline(hazard).T, fill=False, hatch="////", edgecolor=_hex(TRUE_HAZARDS[hazard.kind]))
     trail = Trail.from_frames(frames)

@@ -15,7 +15,8 @@ from coop_envs.viewer.palette import FLOOR, HAZARD, HIGH_GROUND, LOW_GROUND, NO_
 LOWEST_M = -100.0
 TALL_M = 0.25
 RELIEF = 1.5
-LIGHT = np.array([-0.5, 0.5, 0.7]) / math.sqrt(0.99)
+LIGHT = (-0.5025, 0.5025, 0.7035)
+"""Unit vector towards the light, world axes: from the upper left of the picture."""
 OVERSAMPLING = 2
 
 
@@ -34,7 +35,7 @@ def shaded_ground(world: WorldPicture, view: View) -> Picture:
         view.height * OVERSAMPLING,
     )
     ground = has_ground(world.heights)
-    floor_m = float(np.median(world.heights[ground])) if ground.any() else 0.0
+    floor_m = _floor(world, ground)
     node_from_world = np.diag([1 / world.cell, 1 / world.cell, 1.0])
     node_from_world[:2, 2] = -np.asarray(world.origin) / world.cell
     node_from_px = (node_from_world @ fine.world_from_px())[:2]
@@ -44,17 +45,26 @@ def shaded_ground(world: WorldPicture, view: View) -> Picture:
 
     tall = np.clip(heights_m / max(TALL_M, float(heights_m.max())), 0, 1)[..., None] ** 0.6
     deep = np.clip(-heights_m / max(TALL_M, -float(heights_m.min())), 0, 1)[..., None] ** 0.6
-    colour = np.asarray(FLOOR) * (1 - tall - deep) + np.asarray(HIGH_GROUND) * tall + np.asarray(LOW_GROUND) * deep
+    floor, high, low = np.asarray((FLOOR, HIGH_GROUND, LOW_GROUND), dtype=np.float32)
+    colour = floor * (1 - tall - deep) + high * tall + low * deep
     colour = np.where(present[..., None] > 0, colour * _shade(heights_m, fine.px_per_m)[..., None], NO_GROUND)
     picture = np.clip(colour, 0, 255).astype(np.uint8)
     return cv2.resize(picture, (view.width, view.height), interpolation=cv2.INTER_AREA).astype(np.uint8)
 
 
-def _shade(heights_m: NDArray[np.float32], px_per_m: float) -> NDArray[np.float64]:
+def _floor(world: WorldPicture, ground: NDArray[np.bool_]) -> float:
+    """Height from which tall and deep are told: where the first robot starts, else the middle of all."""
+    for start in world.starts[:1]:
+        i, j = np.rint((np.array(start[:2]) - world.origin) / world.cell).astype(int)
+        if 0 <= i < ground.shape[0] and 0 <= j < ground.shape[1] and ground[i, j]:
+            return float(world.heights[i, j])
+    return float(np.median(world.heights[ground])) if ground.any() else 0.0
+
+
+def _shade(heights_m: NDArray[np.float32], px_per_m: float) -> NDArray[np.float32]:
     """Lambert shading relative to flat ground, 0.55..1.15."""
-    down, right = np.gradient(heights_m)
-    normal = np.stack([-right, down, np.full_like(down, 1.0 / (RELIEF * px_per_m))], axis=-1)
-    lit = normal @ LIGHT / np.linalg.norm(normal, axis=-1)
+    down, right = np.gradient(RELIEF * px_per_m * heights_m)
+    lit = (LIGHT[2] - LIGHT[0] * right + LIGHT[1] * down) / np.sqrt(1.0 + right**2 + down**2)
     return np.clip(1.0 + 0.45 * (lit - LIGHT[2]), 0.55, 1.15)
 
 

@@ -15,19 +15,27 @@ from coop_envs.viewer.palette import GOAL, INK, MUTED, PAPER, TRUE_HAZARDS, robo
 from coop_envs.viewer.panel import FIGURES_PX, draw_legend, legend_height, write_figures
 from coop_envs.viewer.robots import Trail, draw_fields_of_view, draw_robots, draw_sight_lines, draw_trails
 from coop_envs.viewer.terrain import hazard_outline, shaded_ground, tint_ground
+from coop_envs.viewer.window import Bounds, episode_window
 
 MIN_WIDTH_PX = 320
 
 
 def draw(
-    world: WorldPicture, frame: Frame, trail: Trail | None = None, size_px: int = 480, legend: bool = True
+    world: WorldPicture,
+    frame: Frame,
+    trail: Trail | None = None,
+    size_px: int = 480,
+    legend: bool = True,
+    window: Bounds | None = None,
 ) -> Picture:
     """Picture of a frame, uint8 (height, width, 3) RGB, both even: the map over a strip of figures and a legend.
 
-    The map's longer side has ``size_px`` pixels. Pictures of one world and size have one shape.
+    The map shows ``window`` (x_min, y_min, x_max, y_max in metres) or the whole world; its longer side has ``size_px``
+    pixels. Pictures of one world, size and size of window have one shape.
     """
-    view = view_of(world, size_px)
-    picture = _backdrop(world, size_px, legend).copy()
+    window = window or world.bounds
+    view = View.fit(window, size_px)
+    picture = _backdrop(world, window, size_px, legend).copy()
     area = picture[: view.height, : view.width]
     colours = robot_colours(frame.role)
     tint_ground(area, view, frame)
@@ -44,21 +52,19 @@ def draw(
 def draw_episode(
     world: WorldPicture, frames: Sequence[Frame], size_px: int = 480, legend: bool = True
 ) -> Iterator[Picture]:
-    """The pictures of an episode one by one, with growing trails, as `write_video` takes them."""
-    trail = Trail.from_frames(frames)
+    """The pictures of an episode one by one, with growing trails, as `write_video` takes them.
+
+    All show the part of the world that the episode reaches.
+    """
+    trail, window = Trail.from_frames(frames), episode_window(world, frames)
     for k, frame in enumerate(frames):
-        yield draw(world, frame, trail.until(k + 1), size_px, legend)
+        yield draw(world, frame, trail.until(k + 1), size_px, legend, window)
 
 
-def view_of(world: WorldPicture, size_px: int) -> View:
-    """Where the world's points fall in `draw`'s picture."""
-    return View.fit(world.bounds, size_px)
-
-
-@functools.lru_cache(maxsize=4)
-def _backdrop(world: WorldPicture, size_px: int, legend: bool) -> Picture:
+@functools.lru_cache(maxsize=8)
+def _backdrop(world: WorldPicture, window: Bounds, size_px: int, legend: bool) -> Picture:
     """What does not change during an episode: shaded ground and legend."""
-    view = view_of(world, size_px)
+    view = View.fit(window, size_px)
     width = max(view.width, MIN_WIDTH_PX)
     width += width % 2
     height = view.height + FIGURES_PX + (legend_height(width) if legend else 0)

@@ -48,7 +48,7 @@ def test_a_cell_of_the_map_lies_where_its_frame_puts_it(x: float, y: float, yaw:
     centre = np.array([x, y]) + np.array([[c, -s], [s, c]]) @ (0.25, 0.15)
     rows, columns = np.nonzero(tinted)
     assert (columns.mean(), rows.mean()) == pytest.approx(tuple(VIEW.px(centre)), abs=0.6)
-    assert tinted.sum() == pytest.approx((0.1 * VIEW.px_per_m) ** 2, rel=0.08)
+    assert tinted.sum() == pytest.approx((0.1 * VIEW.px_per_m) ** 2, rel=0.12)
     assert np.abs(picture[tinted].mean(axis=0) - np.asarray(HAZARD)).max() < 80
 
 

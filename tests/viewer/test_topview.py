@@ -9,16 +9,17 @@ from hypothesis import strategies as st
 
 from coop_envs.recording import Frame, WorldPicture
 from coop_envs.viewer import lettering
+from coop_envs.viewer.canvas import View
 from coop_envs.viewer.palette import LOST, PAPER, mixed, robot_colours
 from coop_envs.viewer.robots import Trail
-from coop_envs.viewer.topview import draw, draw_episode, round_length, view_of
+from coop_envs.viewer.topview import draw, draw_episode, round_length
 
 pytestmark = pytest.mark.render
 
 
-def at(frame: Frame, robot: int, x: float, y: float) -> Frame:
-    """The frame with one robot moved and every belief out of the way."""
-    poses = frame.true_xy_yaw.copy()
+def alone(frame: Frame, robot: int, x: float, y: float) -> Frame:
+    """The frame with one robot moved, every other robot and every belief out of the way."""
+    poses = np.full((5, 3), np.nan)
     poses[robot] = (x, y, 0.0)
     return dataclasses.replace(frame, true_xy_yaw=poses, belief_xy_yaw=np.full_like(poses, np.nan))
 
@@ -26,24 +27,22 @@ def at(frame: Frame, robot: int, x: float, y: float) -> Frame:
 @settings(max_examples=25, deadline=None)
 @given(x=st.floats(-0.4, 0.7), y=st.floats(0.0, 0.6), robot=st.sampled_from([1, 2]))
 def test_a_robot_is_drawn_where_it_is(world: WorldPicture, frames: list[Frame], x: float, y: float, robot: int) -> None:
-    frame = at(frames[0], robot, x, y)
-    u, v = view_of(world, 480).px((x, y)).round().astype(int)
-    picture = draw(world, dataclasses.replace(frame, status=[i == robot for i in range(5)]), legend=False)
-    assert tuple(picture[v, u]) == mixed(robot_colours(frame.role)[robot], PAPER, 0.5)
+    frame = alone(frames[0], robot, x, y)
+    u, v = View.fit(world.bounds, 480).px((x, y)).round().astype(int)
+    assert tuple(draw(world, frame)[v, u]) == mixed(robot_colours(frame.role)[robot], PAPER, 0.5)
 
 
 def test_a_lost_robot_is_grey(world: WorldPicture, frames: list[Frame]) -> None:
-    frame = at(frames[-1], 2, 0.1, 0.2)
-    view = view_of(world, 480)
+    frame = alone(frames[-1], 2, 0.1, 0.2)
+    view = View.fit(world.bounds, 480)
     u, v = (view.px((0.1, 0.2)) + (0.75 * 0.05 * view.px_per_m, 0)).round().astype(int)
     assert tuple(draw(world, frame)[v, u]) in {LOST, mixed(LOST, PAPER, 0.5)}
 
 
 def test_what_moves_changes_and_the_rest_does_not(world: WorldPicture, frames: list[Frame]) -> None:
-    alone = dataclasses.replace(frames[0], status=[0, 1, 0, 0, 0], sees=np.zeros((5, 5)))
-    before, after = (draw(world, at(alone, 1, x, 0.5)).astype(int) for x in (-0.2, 0.6))
+    before, after = (draw(world, alone(frames[0], 1, x, 0.5)).astype(int) for x in (-0.2, 0.6))
     changed = np.abs(before - after).max(axis=-1) > 0
-    view = view_of(world, 480)
+    view = View.fit(world.bounds, 480)
     columns = np.nonzero(changed.any(axis=0))[0]
     places = np.array([view.px((x, 0.5))[0] for x in (-0.2, 0.6)])
     assert (np.abs(columns[:, None] - places).min(axis=1) < 45).all()
@@ -71,6 +70,7 @@ def test_unusual_frames_are_drawn(world: WorldPicture, frames: list[Frame]) -> N
     nowhere = np.full((5, 3), np.nan)
     empty = np.zeros((0, 0), np.uint8)
     for changes in (
+        {"true_xy_yaw": nowhere},
         {"true_xy_yaw": nowhere, "belief_xy_yaw": nowhere},
         {"belief_cov_xy": np.full((5, 2, 2), np.nan)},
         {"map_ground": empty, "map_obstacle": empty},

@@ -24,7 +24,7 @@ def test_a_video_shows_its_pictures_in_order(tmp_path: Path, suffix: str) -> Non
     import imageio.v2 as imageio
 
     path = write_video(pictures(), tmp_path / f"episode{suffix}", fps=5)
-    read = [np.asarray(picture)[..., :3].astype(float) for picture in imageio.get_reader(path)]
+    read = [np.asarray(picture)[..., :3].astype(float) for picture in imageio.mimread(path)]
     assert len(read) == COUNT
     for shown, meant in zip(read, pictures(), strict=True):
         assert np.abs(shown - meant).mean() < 6

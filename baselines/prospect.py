@@ -1,0 +1,114 @@
+"""Ways over ground that is not proven yet: what the observer would need, and how pickets get about.
+
+The prospect is the observer's cheapest way to the goal if unknown ground turned out safe; the unproven cells that its
+contact disc would touch there are what is worth proving. Unknown ground is dear, dearer after each failure to get there
+(a factor of 2, as in thesis 2.2.3), and dearer still near a lost robot, for hazards are wider than a robot's touch.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from baselines.atlas import Point, Survey
+from coop_envs.mapping.planning import BLOCKED, HAZARD, PROVEN, Disc, Footprint, Mask, Points, minimum_cost_search
+
+UNKNOWN_PRICE, OFF_WAY_PRICE = 4.0, 12.0
+SUSPECT_M, SUSPECT_FACTOR = 0.30, 4.0
+FORBIDDEN_PRICE = 300.0
+
+
+@dataclass(frozen=True)
+class Prospect:
+    """The observer's hoped-for way (n, 2), and the centres (k, 2) of the cells it still needs proven."""
+
+    way: Points
+    needed: Points
+
+
+def find_prospect(
+    survey: Survey, start: Point, goal: Point, footprint: Footprint, keep_out: tuple[Disc, ...]
+) -> Prospect | None:
+    """The observer's prospect, or None if known hazards and obstacles leave none. Start and goal lie in the grid."""
+    from scipy.ndimage import convolve
+
+    grid = survey.grid
+    reach_m = footprint.reach_m(grid.cell_m)
+    disc = _disc(reach_m, grid.cell_m)
+    price = convolve(_ground_price(survey, UNKNOWN_PRICE), disc / disc.sum(), mode="nearest")
+    price[_near(grid.ground <= HAZARD, reach_m, grid.cell_m)] = -1.0
+    price[_near(grid.obstacle >= BLOCKED, footprint.body_radius_m + 0.5 * grid.cell_m, grid.cell_m)] = -1.0
+    for place in keep_out:
+        price[grid.within(place)] = -1.0
+    first, last = (_cell(survey, p) for p in (start, goal))
+    price[first], price[last] = 1.0, max(price[last], 1.0)
+    search = minimum_cost_search(price, diagonal=reach_m >= grid.cell_m)
+    if not np.isfinite(search.find_costs([first], [last])[0][last]):
+        return None
+    cells = np.array(search.traceback(last))
+    touched = np.zeros(grid.ground.shape, dtype=bool)
+    touched[tuple(cells.T)] = True
+    touched = _near(touched, reach_m, grid.cell_m)
+    return Prospect(grid.centre_of(cells), grid.centres(touched & (grid.ground < PROVEN)))
+
+
+def scouting_way(survey: Survey, start: Point, end: Point, contact_radius_m: float, needed: Points) -> Points:
+    """Waypoints (k, 2) for an expendable robot: over proven and needed ground while it can.
+
+    Known hazards are dear, not forbidden, so there is always an answer. Both ends must lie in the grid.
+    """
+    grid = survey.grid
+    price = _ground_price(survey, OFF_WAY_PRICE)
+    wanted = _mask_of(survey, needed) & (grid.ground < PROVEN)
+    price[wanted] *= UNKNOWN_PRICE / OFF_WAY_PRICE
+    price[_near(grid.ground <= HAZARD, contact_radius_m, grid.cell_m)] = FORBIDDEN_PRICE
+    price[grid.obstacle >= BLOCKED] = FORBIDDEN_PRICE
+    first, last = (_cell(survey, p) for p in (start, end))
+    search = minimum_cost_search(price, diagonal=True)
+    search.find_costs([first], [last])
+    middle = grid.centre_of(np.array(search.traceback(last))[1:-1].reshape(-1, 2))
+    return np.vstack([np.asarray(start)[None], middle, np.asarray(end)[None]])
+
+
+def suspect(survey: Survey) -> Mask:
+    """Cells (nx, ny) near a lost robot."""
+    mask = np.zeros(survey.grid.ground.shape, dtype=bool)
+    for x, y in survey.losses:
+        mask |= survey.grid.within((x, y, SUSPECT_M))
+    return mask
+
+
+def _ground_price(survey: Survey, unknown_price: float) -> NDArray[np.float64]:
+    """Price (nx, ny) of a metre over each cell: 1 where proven."""
+    unknown = unknown_price * np.exp2(survey.doubt.astype(np.float64))
+    unknown[suspect(survey)] *= SUSPECT_FACTOR
+    return np.where(survey.grid.ground >= PROVEN, 1.0, unknown)
+
+
+def _near(mask: Mask, distance_m: float, cell_m: float) -> Mask:
+    """Cells whose centre lies within a distance of the centre of a cell of the mask."""
+    from scipy.ndimage import binary_dilation
+
+    return binary_dilation(mask, _disc(distance_m, cell_m)) if mask.any() else mask
+
+
+def _disc(radius_m: float, cell_m: float) -> Mask:
+    n = int(radius_m / cell_m)
+    i = np.arange(-n, n + 1) * cell_m
+    return i[:, None] ** 2 + i[None] ** 2 <= radius_m**2
+
+
+def _cell(survey: Survey, point: Point) -> tuple[int, int]:
+    i, j = survey.grid.cell_of(point).tolist()
+    return i, j
+
+
+def _mask_of(survey: Survey, points: Points) -> Mask:
+    """The cells that hold these points; points outside the grid are left out."""
+    mask = np.zeros(survey.grid.ground.shape, dtype=bool)
+    cells = survey.grid.cell_of(points.reshape(-1, 2))
+    inside = np.all((cells >= 0) & (cells < mask.shape), axis=1)
+    mask[tuple(cells[inside].T)] = True
+    return mask
