@@ -10,16 +10,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from coop_envs.mapping.planning import BeliefGrid
 
-UNKNOWN = 128
+UNKNOWN, FREE = 128, 64
 SPARE_CELLS = 16
 SAME_LOSS_M = 0.08
+BUMP_OF_LOST_M = 0.15
+SHADOW_M = (0.3, 0.15)  # length and half width of what lies behind a bump
 
 Point = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Survey:
-    """What the team knows of the ground: its belief, failures (nx, ny) to get to each cell, places of lost robots."""
+    """What the team knows of the ground.
+
+    ``grid`` is its belief, bumps taken for obstacles; ``doubt`` (nx, ny) counts failures to get to each cell; ``losses``
+    are the places of lost robots.
+    """
 
     grid: BeliefGrid
     doubt: NDArray[np.uint8]
@@ -35,7 +41,7 @@ class Atlas:
     """A growing grid of P(ground) and P(obstacle) in 255ths, as the agents' windows showed it last.
 
     A window's corner is a multiple of the cell, so stitching copies cells and loses nothing. The atlas also remembers
-    how often pickets failed to get to a cell, and where robots were lost.
+    how often pickets failed to get to a cell, where something stopped them, and where robots were lost.
     """
 
     def __init__(self, cell_m: float) -> None:
@@ -43,13 +49,15 @@ class Atlas:
         self._corner = np.zeros(2, dtype=np.intp)
         self._layers = _unknown(0, 0)
         self._losses: list[Point] = []
+        self._bumped = False
 
     @property
     def survey(self) -> Survey:
-        """All of it, as views: they change with the next window."""
+        """All of it, partly as views: they change with the next window."""
         x, y = (self._corner * self.cell_m).tolist()
-        ground, obstacle, doubt = self._layers
-        return Survey(BeliefGrid(ground, obstacle, (x, y), self.cell_m), doubt, tuple(self._losses))
+        ground, obstacle, doubt, bumps = self._layers
+        grid = BeliefGrid(ground, np.maximum(obstacle, bumps), (x, y), self.cell_m)
+        return Survey(grid, doubt, tuple(self._losses))
 
     @property
     def grid(self) -> BeliefGrid:
@@ -60,20 +68,39 @@ class Atlas:
         i, j = round(corner_m[0] / self.cell_m), round(corner_m[1] / self.cell_m)
         n, m = window.shape[1:]
         i, j = self._room_for(i, j, n, m)
-        self._layers[:2, i : i + n, j : j + m] = window[:2]
+        part = self._layers[:, i : i + n, j : j + m]
+        part[:2] = window[:2]
+        if self._bumped:
+            part[3][window[1] <= FREE] = 0
 
     def failed(self, xy_m: Point) -> None:
         """Note that a picket failed to get to a point (x, y)."""
-        i, j = self._room_for(math.floor(xy_m[0] / self.cell_m), math.floor(xy_m[1] / self.cell_m), 1, 1)
+        i, j = self._cell_of(xy_m)
         self._layers[2, i, j] = min(self._layers[2, i, j] + 1, 8)
 
+    def bump(self, from_m: Point, xy_m: Point) -> None:
+        """Note that something at a point (x, y) stopped a picket coming from another; what lies behind is doubtful.
+
+        Forgotten when a window shows free space there.
+        """
+        self._bumped = True
+        i, j = self._cell_of(xy_m)
+        self._layers[3, i, j] = 255
+        offset = self.grid.centres_all() - xy_m
+        towards = np.subtract(xy_m, from_m) / math.dist(xy_m, from_m)
+        behind = offset @ towards
+        beside = np.abs(offset @ (-towards[1], towards[0]))
+        shadow = (behind > 0.0) & (behind < SHADOW_M[0]) & (beside < SHADOW_M[1])
+        self._layers[2][shadow] = np.minimum(self._layers[2][shadow] + 1, 8)
+
     def lost(self, xy_m: Point) -> None:
-        """Note where a lost robot is believed to be, again and again if need be."""
+        """Note where a lost robot is believed to be, again and again if need be; what stopped it was the hazard."""
         for k, (x, y) in enumerate(self._losses):
             if math.hypot(x - xy_m[0], y - xy_m[1]) < SAME_LOSS_M:
                 self._losses[k] = xy_m
                 return
         self._losses.append(xy_m)
+        self._layers[3][self.grid.within((*xy_m, BUMP_OF_LOST_M))] = 0
 
     def include(self, points_m: ArrayLike) -> None:
         """Make room for points (k, 2), unknown until a window shows them."""
@@ -82,12 +109,15 @@ class Atlas:
         self._room_for(i, j, n, m)
 
     def at(self, points_m: NDArray[np.float64]) -> NDArray[np.uint8]:
-        """P(ground), P(obstacle) in 255ths and failures, (3, k), at points (k, 2); unknown beyond the grid."""
+        """P(ground), P(obstacle), failures and bumps (4, k) at points (k, 2); unknown beyond the grid."""
         cells = np.floor(points_m / self.cell_m).astype(int) - self._corner
         inside = np.all((cells >= 0) & (cells < self._layers.shape[1:]), axis=1)
         values = _unknown(len(cells), 1)[:, :, 0]
         values[:, inside] = self._layers[:, cells[inside, 0], cells[inside, 1]]
         return values
+
+    def _cell_of(self, xy_m: Point) -> tuple[int, int]:
+        return self._room_for(math.floor(xy_m[0] / self.cell_m), math.floor(xy_m[1] / self.cell_m), 1, 1)
 
     def _room_for(self, i: int, j: int, n: int, m: int) -> tuple[int, int]:
         """Grow, if need be, until cells (i, j) .. (i + n, j + m) fit; return (i, j) as indices of the layers."""
@@ -110,7 +140,7 @@ class Atlas:
 
 
 def _unknown(nx: int, ny: int) -> NDArray[np.uint8]:
-    """Layers (3, nx, ny) of ground and obstacle never seen, and of no failures."""
-    layers = np.full((3, nx, ny), UNKNOWN, dtype=np.uint8)
-    layers[2] = 0
+    """Layers (4, nx, ny) of ground and obstacle never seen, and of no failures and bumps."""
+    layers = np.full((4, nx, ny), UNKNOWN, dtype=np.uint8)
+    layers[2:] = 0
     return layers

@@ -8,13 +8,15 @@ Source: thesis 2.2.5 (navigation with the observer); chapter 5 (the inchworm rul
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.atlas import Atlas
+from baselines.atlas import Atlas, Point, Survey
 from baselines.driving import STILL, Drive, PathFollower, StallWatch, drive_to, turn_to
+from baselines.prospect import Prospect, find_prospect
 from baselines.team_view import Landmark, TeamView
 from coop_envs.mapping.planning import Disc, Footprint, SafeRoutes
 from coop_envs.policy import TeamDescription
@@ -39,17 +41,32 @@ class ObserverPlanner:
 
     def __init__(self, team: TeamDescription) -> None:
         leader = team.members[0].robot
-        self._mates_radius_m = max((m.robot.body_radius_m for m in team.members[1:]), default=0.0)
+        mates_radius_m = max((member.robot.body_radius_m for member in team.members[1:]), default=0.0)
         self.footprint = Footprint(leader.contact_radius_m, leader.body_radius_m)
-        self._set_down: Disc = (0.0, 0.0, leader.body_radius_m + self._mates_radius_m + GAP_M)
+        self._apart_m = leader.body_radius_m + mates_radius_m + GAP_M
+        self._set_down: Disc = (0.0, 0.0, self._apart_m)
 
     def routes(self, view: TeamView, atlas: Atlas, among_scouts: bool) -> SafeRoutes:
         """All routes from where the observer stands; ``among_scouts`` keeps clear of live scouts, too."""
-        distance_m = self.footprint.body_radius_m + self._mates_radius_m + GAP_M
-        bodies = [mark.xy for mark in view.landmarks if mark.lost]
-        bodies += [scout.xy for scout in view.scouts] if among_scouts else []
-        keep_out = tuple((x, y, distance_m) for x, y in bodies)
-        return SafeRoutes(atlas.grid.trusting(self._set_down), view.leader.xy, self.footprint, keep_out)
+        survey = self._trusting(atlas)
+        scouts = [scout.xy for scout in view.scouts] if among_scouts else []
+        return SafeRoutes(survey.grid, view.leader.xy, self.footprint, self._bodies([*survey.losses, *scouts]))
+
+    def prospect(self, view: TeamView, atlas: Atlas) -> Prospect | None:
+        """What the way to the goal still needs; None without a goal, or if nothing is left to hope for."""
+        if view.goal is None:
+            return None
+        ends = (view.leader.xy, view.goal)
+        atlas.include(np.array(ends))
+        survey = self._trusting(atlas)
+        return find_prospect(survey, *ends, self.footprint, self._bodies(survey.losses))
+
+    def _trusting(self, atlas: Atlas) -> Survey:
+        survey = atlas.survey
+        return replace(survey, grid=survey.grid.trusting(self._set_down))
+
+    def _bodies(self, places: Iterable[Point]) -> tuple[Disc, ...]:
+        return tuple((x, y, self._apart_m) for x, y in places)
 
 
 class Crossing:

@@ -54,13 +54,17 @@ class PathFollower:
 
     def __init__(self, path_m: NDArray[np.float64], lookahead_m: float) -> None:
         self.points = _resampled(path_m)
+        self.off_m = 0.0
         self._ahead = max(1, round(lookahead_m / SAMPLE_M))
         self._at = 0
 
     def target(self, xy: tuple[float, float]) -> tuple[float, float]:
-        """The point to aim at from here."""
+        """The point to aim at from here; ``off_m`` then is the distance from the path."""
         window = self.points[self._at : self._at + 2 * self._ahead + 1]
-        self._at += int(np.argmin(np.hypot(window[:, 0] - xy[0], window[:, 1] - xy[1])))
+        distance = np.hypot(window[:, 0] - xy[0], window[:, 1] - xy[1])
+        nearest = int(np.argmin(distance))
+        self._at += nearest
+        self.off_m = float(distance[nearest])
         x, y = self.points[min(self._at + self._ahead, len(self.points) - 1)].tolist()
         return x, y
 
@@ -110,7 +114,7 @@ class ScoutDriver:
     Backing out and turning are commanded in turn, so a robot that can do neither is soon declared stuck by the belief.
     """
 
-    BACK_OUT_S, TURN_AWAY_S = 0.8, 0.8
+    BACK_OUT_S, BACK_OUT_PACE, TURN_AWAY_S = 0.6, 0.5, 0.6
 
     def __init__(self, member: Member, decision_s: float, rng: np.random.Generator) -> None:
         self.blocked = False
@@ -119,18 +123,21 @@ class ScoutDriver:
         self._stall = StallWatch(self._speed_m_s, self._turn_rad_s, decision_s)
         self._escape: list[Drive] = []
 
-    def go(self, robot: RobotView, target: tuple[float, float]) -> Drive:
-        """Drive towards a point; ``blocked`` is true in the decision in which an escape begins."""
+    def go(self, robot: RobotView, target: tuple[float, float], pace: float = 1.0) -> Drive:
+        """Drive towards a point at a share of the cruise speed; ``blocked`` is true where an escape begins."""
         self.blocked = not self._escape and self._stall.stalled(robot)
         if self.blocked:
             self._stall.forget()
             self._escape = self._way_out()
-        drive = self._escape.pop(0) if self._escape else drive_to(robot, target, self._speed_m_s, self._turn_rad_s)
+        drive = self._escape.pop(0) if self._escape else self._on(robot, target, pace)
         self._stall.note(robot, drive)
         return drive
 
+    def _on(self, robot: RobotView, target: tuple[float, float], pace: float) -> Drive:
+        return drive_to(robot, target, pace * self._speed_m_s, self._turn_rad_s)
+
     def _way_out(self) -> list[Drive]:
-        back = Drive(-self._speed_m_s, 0.0)
+        back = Drive(-self.BACK_OUT_PACE * self._speed_m_s, 0.0)
         away = Drive(0.0, float(self._rng.choice([-1.0, 1.0])) * self._turn_rad_s)
         return [back] * round(self.BACK_OUT_S / self._decision_s) + [away] * round(self.TURN_AWAY_S / self._decision_s)
 

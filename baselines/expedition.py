@@ -15,14 +15,15 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.atlas import Atlas
+from baselines.atlas import Atlas, Point
 from baselines.crossing import Crossing, ObserverPlanner
 from baselines.driving import STILL, Drive, PathFollower, ScoutDriver, action, turn_to
 from baselines.ground_view import GroundView
 from baselines.posting import choose_posts
+from baselines.prospect import Prospect, scouting_way
 from baselines.team_view import TeamView, read_team, wrapped
 from baselines.vantage import best_heading, best_stand, worth_exploring
-from coop_envs.mapping.planning import PROVEN, Footprint, SafeRoutes, scouting_path
+from coop_envs.mapping.planning import PROVEN, Footprint, SafeRoutes
 from coop_envs.policy import Actions, Observations, TeamDescription
 
 EXPLORE_SHARE = 0.8  # of the time limit, if there is a goal; a crossing takes the rest
@@ -41,8 +42,8 @@ HOLD: Drives = {}
 class Scouting(Protocol):
     """How pickets explore."""
 
-    def command(self, view: TeamView, atlas: Atlas) -> Drives:
-        """One drive for each scout."""
+    def command(self, view: TeamView, atlas: Atlas, prospect: Prospect | None) -> Drives:
+        """One drive for each scout; the prospect is what the observer's way to the goal still needs."""
         ...
 
     def move_on(self) -> None:
@@ -57,11 +58,16 @@ class Expedition:
         self.atlas = Atlas(team.cell_m)
         self._team, self._scouting = team, scouting
         self._members = dict(zip(team.names, team.members, strict=True))
+        self._footprints = {
+            name: Footprint(member.robot.contact_radius_m, member.robot.body_radius_m)
+            for name, member in self._members.items()
+        }
         self._planner = ObserverPlanner(team)
         self._half_view_rad = GroundView(team.members[0]).half_width_rad
         self._rng = np.random.default_rng([seed, 3])
-        self._stands: list[tuple[float, float]] = []
+        self._stands: list[Point] = []
         self._headings: list[float] = []
+        self._prospect: Prospect | None = None
         self._course = self._whole_course()
 
     def act(self, observations: Observations) -> Actions:
@@ -72,6 +78,9 @@ class Expedition:
             self._view = view
             for robot in (view.leader, *view.scouts):
                 self.atlas.add(robot.window_m, observations[robot.name]["map"])
+            for mark in view.landmarks:
+                if mark.lost:
+                    self.atlas.lost(mark.xy)
             drives = next(self._course)
         return {name: action(drives.get(name, STILL), self._members[name]) for name in observations}
 
@@ -101,8 +110,9 @@ class Expedition:
         proven: list[int] = []
         idle_plans = round(IDLE_S / PLAN_EVERY_S) * (PATIENCE if self._goal_in_view() else 1)
         while self._may_explore():
+            self._prospect = self._planner.prospect(self._view, self.atlas)
             for _ in self._decisions(PLAN_EVERY_S):
-                yield self._scouting.command(self._view, self.atlas)
+                yield self._scouting.command(self._view, self.atlas, self._prospect)
             proven.append(int(np.count_nonzero(self.atlas.grid.ground >= PROVEN)))
             fresh = proven[-1] - proven[-1 - idle_plans] if len(proven) > idle_plans else np.inf
             if fresh * self._team.cell_m**2 < IDLE_AREA_M2 or self._goal_path(among_scouts=False) is not None:
@@ -136,20 +146,12 @@ class Expedition:
 
     def _post(self, path: NDArray[np.float64]) -> Iterator[Drives]:
         """Send the pickets to where the observer will see them on its way."""
-        scouts = {scout.name: self._members[scout.name].robot for scout in self._view.scouts}
-        routes = {
-            scout.name: SafeRoutes(
-                self.atlas.grid,
-                scout.xy,
-                Footprint(scouts[scout.name].contact_radius_m, scouts[scout.name].body_radius_m),
-            )
-            for scout in self._view.scouts
-        }
+        routes = {s.name: SafeRoutes(self.atlas.grid, s.xy, self._footprints[s.name]) for s in self._view.scouts}
         follower = PathFollower(path, 0.05)
         posts = choose_posts(routes, self._view.scouts, follower.points[::5], self._half_view_rad, 0.17)
         yield from self._send(posts)
 
-    def _send(self, posts: dict[str, tuple[float, float]]) -> Iterator[Drives]:
+    def _send(self, posts: dict[str, Point]) -> Iterator[Drives]:
         """Drive pickets to places, over proven ground where there is any, until all are there or time is up."""
         drivers = {name: ScoutDriver(self._members[name], self._team.decision_s, self._rng) for name in posts}
         ways = {s.name: self._way(s.name, s.xy, posts[s.name]) for s in self._view.scouts if s.name in posts}
@@ -159,10 +161,9 @@ class Expedition:
                 return
             yield {s.name: drivers[s.name].go(s, ways[s.name].target(s.xy)) for s in going}
 
-    def _way(self, name: str, start: tuple[float, float], end: tuple[float, float]) -> PathFollower:
-        ends = np.array([start, end])
-        grid = self.atlas.grid_with_bumps.crop(ends, 8 * self.atlas.cell_m)
-        return PathFollower(scouting_path(grid, start, end, self._members[name].robot.contact_radius_m), 0.06)
+    def _way(self, name: str, start: Point, end: Point) -> PathFollower:
+        survey = self.atlas.survey.around(np.array([start, end]), 8 * self.atlas.cell_m)
+        return PathFollower(scouting_way(survey, start, end, self._footprints[name], None), 0.06)
 
     def _drive_observer(self, path: NDArray[np.float64]) -> Generator[Drives, None, bool]:
         """Drive the observer along a path while all others hold; whether it arrived."""
@@ -184,7 +185,7 @@ class Expedition:
     def _advance(self) -> Iterator[Drives]:
         """Turn to where more unknown ground is in view, or go where there would be more."""
         leader, grid = self._view.leader, self.atlas.grid
-        worth = worth_exploring(grid, self._view.goal)
+        worth = worth_exploring(grid, None if self._prospect is None else self._prospect.needed)
         self._headings.append(leader.yaw)
         heading, gain = best_heading(grid, worth, leader.xy, self._half_view_rad, self._headings)
         routes = self._planner.routes(self._view, self.atlas, among_scouts=True)

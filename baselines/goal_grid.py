@@ -3,11 +3,12 @@
 Source: thesis 2.2.3, algorithms 2.1 and 2.2. Algorithm 2.2 is printed with a counter that never counts and calls the
 cumulative distribution a pdf; here the cumulative distribution is searched.
 
-Beyond the thesis: (1) the atlas scales a cell's probability (hazards, obstacles and places where a picket bumped into
-something by ``HAZARD_SHARE``, proven ground by ``PROVEN_SHARE``), so time goes to unknown ground; (2) if the task names
-a goal, cells off the way there count less, by a factor e for each ``DETOUR_M``; (3) a picket's goal lies anywhere in its
-cell, not at its centre; (4) pickets travel over proven ground as far as it leads; (5) a try ends when the picket is
-blocked, and a goal also fails when its time is up or its picket is lost.
+Beyond the thesis: (1) the atlas scales a cell's probability (known hazards and obstacles by ``HAZARD_SHARE``, ground
+near a lost robot by its suspicion, proven ground by ``PROVEN_SHARE``, and by a half for each failure to get there),
+so time goes to unknown ground; (2) if the task names a goal, only cells that the observer's way there would need are
+drawn while there are any in view; (3) a goal lies anywhere in its cell, not at its centre; (4) pickets travel over
+proven and needed ground as far as it leads, slowly where it is not proven; (5) a try ends when the picket is blocked,
+and a goal also fails when its time is up or its picket is lost.
 """
 
 from __future__ import annotations
@@ -18,12 +19,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.atlas import Atlas
-from baselines.driving import Drive, PathFollower, ScoutDriver
+from baselines.atlas import Atlas, Point
+from baselines.driving import SAMPLE_M, Drive, PathFollower, ScoutDriver
 from baselines.expedition import Expedition
 from baselines.ground_view import GroundView
+from baselines.prospect import Prospect, scouting_way, suspicion
 from baselines.team_view import RobotView, TeamView
-from coop_envs.mapping.planning import BLOCKED, HAZARD, PROVEN, scouting_path
+from coop_envs.mapping.planning import BLOCKED, HAZARD, PROVEN, Footprint
 from coop_envs.policy import Actions, Observations, TeamDescription, TeamNeeds
 
 ROWS, COLUMNS = 12, 16
@@ -32,8 +34,11 @@ TRIES = 2  # T of algorithm 2.1
 RANGE_M = 1.2
 EDGE_PX = 24.0
 HAZARD_SHARE, PROVEN_SHARE = 0.02, 0.1
-DETOUR_M = 0.15
-ROBOT_M = 0.12  # a bump this near a robot's centre is the robot
+EXACTLY_M, INWARD_M = 0.015, 0.02
+CAREFUL = 0.5  # of the cruise speed, over ground that is not proven
+LOOKAHEAD_M = 0.06
+OFF_M = 0.06  # off its way by more, something keeps a picket from it
+ROBOT_M = 0.12  # what stops a picket this near to a robot is the robot
 
 
 class GoalGrid:
@@ -74,6 +79,17 @@ class CameraGrid:
         """Ground points (k, 2), forward and left of the observer, likewise."""
         return self._view.to_ground(self.pixels_of(cells, places))
 
+    def cells_of(self, points: NDArray[np.float64]) -> NDArray[np.intp]:
+        """The cell (k,) in which the observer sees each ground point (k, 2), -1 where out of view.
+
+        What lies too near for the image counts to the bottom row: the hat of a robot there is seen all the same.
+        """
+        place = (self._view.to_pixels(points) - self._corner) / self._size
+        rows = len(self.probability) // self._columns
+        seen = (place[:, 0] >= 0) & (place[:, 0] < self._columns) & (place[:, 1] >= 0)
+        column, row = np.where(seen[:, None], place, 0.0).astype(np.intp).T
+        return np.where(seen, np.minimum(row, rows - 1) * self._columns + column, -1)
+
     def failed(self, cell: int) -> None:
         """Halve a cell's probability and renormalise."""
         self.probability[cell] *= 0.5
@@ -88,10 +104,15 @@ def assign_goal(weights: NDArray[np.float64], uniform: float) -> int:
 
 @dataclass
 class Errand:
-    """One picket on its way: the grid's cell, the goal (team frame), its way there, tries and time left."""
+    """One picket on its way: the grid's cell, what is to be proven, where to go for it, its way, tries and time left.
+
+    ``near_m`` is how near to ``goal`` counts as there.
+    """
 
     cell: int
-    goal: tuple[float, float]
+    target: Point
+    goal: Point
+    near_m: float
     route: PathFollower
     decisions_left: int
     tries: int = 0
@@ -116,69 +137,101 @@ class GridScouting:
         self.grid = CameraGrid(self._view)
         self._errands.clear()
 
-    def command(self, view: TeamView, atlas: Atlas) -> dict[str, Drive]:
+    def command(self, view: TeamView, atlas: Atlas, prospect: Prospect | None) -> dict[str, Drive]:
         """One drive for each scout."""
-        self._write_off({scout.name for scout in view.scouts})
-        return {scout.name: self._pursue(scout, view, atlas) for scout in view.scouts}
+        self._write_off({scout.name for scout in view.scouts}, atlas)
+        return {scout.name: self._pursue(scout, view, atlas, prospect) for scout in view.scouts}
 
-    def _write_off(self, live: set[str]) -> None:
+    def _write_off(self, live: set[str], atlas: Atlas) -> None:
         for name in [name for name in self._errands if name not in live]:
-            self.grid.failed(self._errands.pop(name).cell)
+            self._fail(self._errands.pop(name), atlas)
 
-    def _pursue(self, scout: RobotView, view: TeamView, atlas: Atlas) -> Drive:
+    def _fail(self, errand: Errand, atlas: Atlas) -> None:
+        self.grid.failed(errand.cell)
+        atlas.failed(errand.target)
+
+    def _pursue(self, scout: RobotView, view: TeamView, atlas: Atlas, prospect: Prospect | None) -> Drive:
         errand = self._errands.get(scout.name)
-        if errand is None or self._ended(scout, errand):
-            errand = self._errands[scout.name] = self._assign(scout, view, atlas)
+        if errand is None or self._ended(scout, errand, atlas):
+            errand = self._errands[scout.name] = self._assign(scout, view, atlas, prospect)
         driver = self._drivers[scout.name]
-        drive = driver.go(scout, errand.route.target(scout.xy))
+        proven = atlas.at(np.array([scout.xy]))[0, 0] >= PROVEN
+        aim = errand.route.target(scout.xy)
+        drive = driver.go(scout, aim, 1.0 if proven else CAREFUL)
         errand.decisions_left -= 1
-        if driver.blocked:
-            self._note_bump(scout, view, atlas)
+        if driver.blocked or errand.route.off_m > OFF_M:
             errand.tries += 1
-            errand.route = self._route(scout, errand.goal, atlas)
+            self._note_bump(scout, aim, view, atlas)
+            errand.route = self._route(scout, errand.goal, atlas, prospect)
         return drive
 
-    def _note_bump(self, scout: RobotView, view: TeamView, atlas: Atlas) -> None:
-        """Mark what stopped a picket, unless it is another robot."""
-        x, y = _from_body(scout, np.array([[self._members[scout.name].robot.body_radius_m, 0.0]]))[0].tolist()
+    def _note_bump(self, scout: RobotView, aim: Point, view: TeamView, atlas: Atlas) -> None:
+        """Mark what keeps a picket from its aim, unless it is another robot."""
+        away = self._members[scout.name].robot.body_radius_m / max(scout.distance_to(aim), 1e-3)
+        x, y = scout.x + away * (aim[0] - scout.x), scout.y + away * (aim[1] - scout.y)
         others = [view.leader, *view.landmarks, *(other for other in view.scouts if other is not scout)]
         if all(math.hypot(x - other.x, y - other.y) > ROBOT_M for other in others):
-            atlas.bump((x, y))
+            atlas.bump(scout.xy, (x, y))
 
-    def _ended(self, scout: RobotView, errand: Errand) -> bool:
-        if scout.distance_to(errand.goal) < NEAR_ENOUGH_M:
+    def _ended(self, scout: RobotView, errand: Errand, atlas: Atlas) -> bool:
+        """Whether an errand is over; failures are entered."""
+        proven = atlas.at(np.array([errand.target]))[0, 0] >= PROVEN
+        there = scout.distance_to(errand.goal) < errand.near_m
+        if there and (proven or errand.near_m == NEAR_ENOUGH_M):
             return True
-        if errand.tries < TRIES and errand.decisions_left > 0:
+        if not there and errand.tries < TRIES and errand.decisions_left > 0:
             return False
-        self.grid.failed(errand.cell)
+        self._fail(errand, atlas)
         return True
 
-    def _assign(self, scout: RobotView, view: TeamView, atlas: Atlas) -> Errand:
-        weights = self.grid.probability * self._shares(view, atlas)
-        cell = assign_goal(weights, self._rng.random())
-        forward, left = self.grid.ground_of(np.array([cell]), self._rng.random((1, 2)))[0].tolist()
-        goal = _from_body(view.leader, np.array([[forward, left]]))[0]
-        route = self._route(scout, goal, atlas)
-        speed = self._members[scout.name].cruise_speed_m_s
-        time_s = 4.0 + 2.0 * 0.01 * len(route.points) / speed
-        return Errand(cell, (float(goal[0]), float(goal[1])), route, math.ceil(time_s / self._team.decision_s))
+    def _assign(self, scout: RobotView, view: TeamView, atlas: Atlas, prospect: Prospect | None) -> Errand:
+        drawn = None if prospect is None else self._draw_needed(view.leader, atlas, prospect)
+        near_m = NEAR_ENOUGH_M if drawn is None else EXACTLY_M
+        cell, target, goal = drawn or self._draw(view.leader, atlas)
+        route = self._route(scout, goal, atlas, prospect)
+        speed = CAREFUL * self._members[scout.name].cruise_speed_m_s
+        time_s = 4.0 + 1.5 * SAMPLE_M * len(route.points) / speed
+        return Errand(cell, target, goal, near_m, route, math.ceil(time_s / self._team.decision_s))
 
-    def _route(self, scout: RobotView, goal: tuple[float, float] | NDArray[np.float64], atlas: Atlas) -> PathFollower:
+    def _draw(self, leader: RobotView, atlas: Atlas) -> tuple[int, Point, Point]:
+        """A cell of the grid and a point in it, twice: to be proven, and to go to."""
+        cell = assign_goal(self.grid.probability * self._shares(leader, atlas), self._rng.random())
+        x, y = _from_body(leader, self.grid.ground_of(np.array([cell]), self._rng.random((1, 2))))[0].tolist()
+        return cell, (x, y), (x, y)
+
+    def _draw_needed(self, leader: RobotView, atlas: Atlas, prospect: Prospect) -> tuple[int, Point, Point] | None:
+        """A cell of the grid with needed ground, one such place, and where to go to prove it; None if none is in view.
+
+        To prove ground beside the observer's way a picket goes a little nearer to the way than that, and no robot
+        comes nearer to what may lie beyond than the observer would.
+        """
+        cells = self.grid.cells_of(_to_body(leader, prospect.needed))
+        weight = np.where(cells >= 0, np.exp2(-atlas.at(prospect.needed)[2].astype(float)), 0.0)
+        if not weight.any():
+            return None
+        share = np.bincount(cells[cells >= 0], weight[cells >= 0], len(self.grid.probability))
+        cell = assign_goal(self.grid.probability * share, self._rng.random())
+        here = np.where(cells == cell, weight, 0.0)
+        place = prospect.needed[assign_goal(here, self._rng.random())]
+        offset = prospect.way[np.argmin(np.hypot(*(prospect.way - place).T))] - place
+        goal = place + offset * min(1.0, INWARD_M / max(float(np.hypot(*offset)), 1e-9))
+        return cell, (float(place[0]), float(place[1])), (float(goal[0]), float(goal[1]))
+
+    def _route(self, scout: RobotView, goal: Point, atlas: Atlas, prospect: Prospect | None) -> PathFollower:
         ends = np.array([scout.xy, goal])
         atlas.include(ends)
-        contact = self._members[scout.name].robot.contact_radius_m
-        path = scouting_path(atlas.grid_with_bumps.crop(ends, 8 * atlas.cell_m), scout.xy, goal, contact)
-        return PathFollower(path, lookahead_m=0.10)
+        survey = atlas.survey.around(ends, 8 * atlas.cell_m)
+        robot = self._members[scout.name].robot
+        footprint = Footprint(robot.contact_radius_m, robot.body_radius_m)
+        return PathFollower(scouting_way(survey, scout.xy, goal, footprint, prospect), LOOKAHEAD_M)
 
-    def _shares(self, view: TeamView, atlas: Atlas) -> NDArray[np.float64]:
-        """By how much (N * M,) the atlas and the task's goal scale each cell's probability."""
-        places = _from_body(view.leader, self.grid.centres)
-        ground, obstacle = atlas.at(places)
-        shares = np.where(ground >= PROVEN, PROVEN_SHARE, 1.0)
-        shares[(ground <= HAZARD) | (obstacle >= BLOCKED)] = HAZARD_SHARE
-        if view.goal is not None:
-            way = np.hypot(*(places - view.leader.xy).T) + np.hypot(*(places - view.goal).T)
-            shares *= np.exp((view.leader.distance_to(view.goal) - way) / DETOUR_M)
+    def _shares(self, leader: RobotView, atlas: Atlas) -> NDArray[np.float64]:
+        """By how much (N * M,) the atlas scales each cell's probability."""
+        places = _from_body(leader, self.grid.centres)
+        ground, obstacle, doubt, bumps = atlas.at(places)
+        shares = np.where(ground >= PROVEN, PROVEN_SHARE, np.exp2(-doubt.astype(float)))
+        shares /= suspicion(places, atlas.survey.losses)
+        shares[(ground <= HAZARD) | (np.maximum(obstacle, bumps) >= BLOCKED)] = HAZARD_SHARE
         return shares
 
 
@@ -186,3 +239,8 @@ def _from_body(robot: RobotView, points: NDArray[np.float64]) -> NDArray[np.floa
     """Team-frame points (k, 2) of points forward and left of a robot."""
     c, s = math.cos(robot.yaw), math.sin(robot.yaw)
     return points @ np.array([[c, s], [-s, c]]) + robot.xy
+
+
+def _to_body(robot: RobotView, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    c, s = math.cos(robot.yaw), math.sin(robot.yaw)
+    return (points - robot.xy) @ np.array([[c, -s], [s, c]])

@@ -16,6 +16,7 @@ from coop_envs.errors import ConfigError
 
 RECTANGLE_M = (0.14, 0.10)  # a VelociRoACH, Table 2.1
 RECTANGLE_AHEAD_M = 0.5
+NEAREST_M = 0.05
 
 
 class GroundView:
@@ -34,12 +35,20 @@ class GroundView:
         corners = np.array([(RECTANGLE_AHEAD_M + RECTANGLE_M[0] * i, RECTANGLE_M[1] * (j - 0.5)) for i, j in _CORNERS])
         pixels = np.array([self._project(forward, left) for forward, left in corners])
         self._ground_from_pixel = cv2.getPerspectiveTransform(pixels.astype(np.float32), corners.astype(np.float32))
+        self._pixel_from_ground = np.linalg.inv(self._ground_from_pixel)
 
     def to_ground(self, pixels: ArrayLike) -> NDArray[np.float64]:
         """Ground points (..., 2), forward and left of the robot's centre, of pixels (..., 2) below the horizon."""
         p = np.asarray(pixels, dtype=np.float64)
         q = np.concatenate([p, np.ones((*p.shape[:-1], 1))], axis=-1) @ self._ground_from_pixel.T
         return q[..., :2] / q[..., 2:]
+
+    def to_pixels(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Pixels (k, 2) of ground points (k, 2) before the camera; not a number for those behind it."""
+        homogeneous = np.column_stack([points, np.ones(len(points))]) @ self._pixel_from_ground.T
+        pixels = homogeneous[:, :2] / homogeneous[:, 2:]
+        pixels[points[:, 0] < self.camera.position_m[0] + NEAREST_M] = np.nan
+        return pixels
 
     def row_of(self, range_m: float) -> float:
         """The image row in which the ground straight ahead of the camera is this far away."""

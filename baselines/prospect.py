@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from baselines.atlas import Point, Survey
 from coop_envs.mapping.planning import BLOCKED, HAZARD, PROVEN, Disc, Footprint, Mask, Points, minimum_cost_search
 
-UNKNOWN_PRICE, OFF_WAY_PRICE = 4.0, 12.0
-SUSPECT_M, SUSPECT_FACTOR = 0.30, 4.0
+UNKNOWN_PRICE, OFF_WAY = 4.0, 3.0
+SUSPECT_M, SUSPECT_DOUBLINGS = 0.36, 4.0
 FORBIDDEN_PRICE = 300.0
 
 
@@ -32,12 +32,8 @@ def find_prospect(
     survey: Survey, start: Point, goal: Point, footprint: Footprint, keep_out: tuple[Disc, ...]
 ) -> Prospect | None:
     """The observer's prospect, or None if known hazards and obstacles leave none. Start and goal lie in the grid."""
-    from scipy.ndimage import convolve
-
-    grid = survey.grid
-    reach_m = footprint.reach_m(grid.cell_m)
-    disc = _disc(reach_m, grid.cell_m)
-    price = convolve(_ground_price(survey, UNKNOWN_PRICE), disc / disc.sum(), mode="nearest")
+    grid, reach_m = survey.grid, footprint.reach_m(survey.grid.cell_m)
+    price = _price_under(_ground_price(survey), reach_m, grid.cell_m)
     price[_near(grid.ground <= HAZARD, reach_m, grid.cell_m)] = -1.0
     price[_near(grid.obstacle >= BLOCKED, footprint.body_radius_m + 0.5 * grid.cell_m, grid.cell_m)] = -1.0
     for place in keep_out:
@@ -48,23 +44,25 @@ def find_prospect(
     if not np.isfinite(search.find_costs([first], [last])[0][last]):
         return None
     cells = np.array(search.traceback(last))
-    touched = np.zeros(grid.ground.shape, dtype=bool)
-    touched[tuple(cells.T)] = True
-    touched = _near(touched, reach_m, grid.cell_m)
+    way = np.zeros(grid.ground.shape, dtype=bool)
+    way[tuple(cells.T)] = True
+    touched = _near(way, reach_m, grid.cell_m)
     return Prospect(grid.centre_of(cells), grid.centres(touched & (grid.ground < PROVEN)))
 
 
-def scouting_way(survey: Survey, start: Point, end: Point, contact_radius_m: float, needed: Points) -> Points:
-    """Waypoints (k, 2) for an expendable robot: over proven and needed ground while it can.
+def scouting_way(survey: Survey, start: Point, end: Point, footprint: Footprint, prospect: Prospect | None) -> Points:
+    """Waypoints (k, 2) for an expendable robot: over proven ground and along the observer's way while it can.
 
     Known hazards are dear, not forbidden, so there is always an answer. Both ends must lie in the grid.
     """
     grid = survey.grid
-    price = _ground_price(survey, OFF_WAY_PRICE)
-    wanted = _mask_of(survey, needed) & (grid.ground < PROVEN)
-    price[wanted] *= UNKNOWN_PRICE / OFF_WAY_PRICE
-    price[_near(grid.ground <= HAZARD, contact_radius_m, grid.cell_m)] = FORBIDDEN_PRICE
-    price[grid.obstacle >= BLOCKED] = FORBIDDEN_PRICE
+    price = _ground_price(survey)
+    if prospect is not None:
+        way = _mask_of(survey, prospect.way)
+        price = np.where(way | (price <= 1.0), price, OFF_WAY * price)
+    price[grid.ground <= HAZARD] = FORBIDDEN_PRICE
+    price = _price_under(price, footprint.reach_m(grid.cell_m), grid.cell_m)
+    price[_near(grid.obstacle >= BLOCKED, footprint.body_radius_m, grid.cell_m)] = FORBIDDEN_PRICE
     first, last = (_cell(survey, p) for p in (start, end))
     search = minimum_cost_search(price, diagonal=True)
     search.find_costs([first], [last])
@@ -72,19 +70,27 @@ def scouting_way(survey: Survey, start: Point, end: Point, contact_radius_m: flo
     return np.vstack([np.asarray(start)[None], middle, np.asarray(end)[None]])
 
 
-def suspect(survey: Survey) -> Mask:
-    """Cells (nx, ny) near a lost robot."""
-    mask = np.zeros(survey.grid.ground.shape, dtype=bool)
-    for x, y in survey.losses:
-        mask |= survey.grid.within((x, y, SUSPECT_M))
-    return mask
-
-
-def _ground_price(survey: Survey, unknown_price: float) -> NDArray[np.float64]:
+def _ground_price(survey: Survey) -> NDArray[np.float64]:
     """Price (nx, ny) of a metre over each cell: 1 where proven."""
-    unknown = unknown_price * np.exp2(survey.doubt.astype(np.float64))
-    unknown[suspect(survey)] *= SUSPECT_FACTOR
-    return np.where(survey.grid.ground >= PROVEN, 1.0, unknown)
+    grid = survey.grid
+    unknown = UNKNOWN_PRICE * np.exp2(survey.doubt.astype(np.float64)) * suspicion(grid.centres_all(), survey.losses)
+    return np.where(grid.ground >= PROVEN, 1.0, unknown)
+
+
+def suspicion(points: Points, losses: tuple[Point, ...]) -> NDArray[np.float64]:
+    """A factor (...) for points (..., 2): 1 away from lost robots, doubling again and again towards them."""
+    nearest = np.full(points.shape[:-1], SUSPECT_M)
+    for x, y in losses:
+        nearest = np.minimum(nearest, np.hypot(points[..., 0] - x, points[..., 1] - y))
+    return np.exp2(SUSPECT_DOUBLINGS * (1.0 - nearest / SUSPECT_M))
+
+
+def _price_under(price: NDArray[np.float64], reach_m: float, cell_m: float) -> NDArray[np.float64]:
+    """Mean price under a robot whose disc touches cells within reach."""
+    from scipy.ndimage import correlate
+
+    disc = _disc(reach_m, cell_m)
+    return correlate(price, disc / disc.sum(), mode="nearest")
 
 
 def _near(mask: Mask, distance_m: float, cell_m: float) -> Mask:

@@ -13,6 +13,7 @@ import numpy as np
 from baselines.driving import Drive
 from baselines.expedition import Expedition
 from baselines.atlas import Atlas
+from baselines.prospect import Prospect
 from baselines.team_view import TeamView
 from coop_envs.agents.team import Member
 from coop_envs.policy import Actions, Observations, TeamDescription, TeamNeeds
@@ -44,7 +45,7 @@ class WalkScouting:
             for name, member, rng in zip(team.names, team.members, rngs, strict=True)
         }
 
-    def command(self, view: TeamView, atlas: Atlas) -> dict[str, Drive]:
+    def command(self, view: TeamView, atlas: Atlas, prospect: Prospect | None) -> dict[str, Drive]:
         """One drive for each scout."""
         return {scout.name: next(self._walks[scout.name]) for scout in view.scouts}
 

@@ -10,26 +10,22 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from coop_envs.mapping.planning import BLOCKED, HAZARD, PROVEN, BeliefGrid, Cell, SafeRoutes
+from coop_envs.mapping.planning import BLOCKED, HAZARD, PROVEN, BeliefGrid, Cell, Points, SafeRoutes
 
 RANGE_M = 1.0
 HEADINGS = np.linspace(-math.pi, math.pi, 24, endpoint=False)
-GOAL_PULL_M = 0.5
 APART_M = 0.2
 TRIED_SHARE = 0.15
 TRAVEL_PRICE_1_M = 0.15
 
 
-def worth_exploring(grid: BeliefGrid, goal: tuple[float, float] | None) -> NDArray[np.float64]:
-    """Worth (nx, ny) in square metres of proving each cell: its area if unknown, less far from a known goal."""
-    unknown = (grid.ground > HAZARD) & (grid.ground < PROVEN) & (grid.obstacle < BLOCKED)
-    worth = unknown * grid.cell_m**2
-    if goal is None:
-        return worth
-    nx, ny = worth.shape
-    x = grid.origin_m[0] + (np.arange(nx) + 0.5) * grid.cell_m
-    y = grid.origin_m[1] + (np.arange(ny) + 0.5) * grid.cell_m
-    return worth / (1.0 + np.hypot(x[:, None] - goal[0], y[None, :] - goal[1]) / GOAL_PULL_M)
+def worth_exploring(grid: BeliefGrid, needed: Points | None) -> NDArray[np.float64]:
+    """Worth (nx, ny) in square metres of proving each cell: its area if it is needed, or if unknown when none is."""
+    if needed is None:
+        return ((grid.ground > HAZARD) & (grid.ground < PROVEN) & (grid.obstacle < BLOCKED)) * grid.cell_m**2
+    worth = np.zeros(grid.ground.shape)
+    worth[tuple(grid.cell_of(needed).T)] = grid.cell_m**2
+    return worth
 
 
 def best_heading(

@@ -125,7 +125,9 @@ class TeamBatch:
             for name, part in self._parts().items():
                 assign(part, snapshot[name])
         except (KeyError, ValueError) as error:
-            raise ConfigError("state", str(error), "a snapshot of the same scenario, worlds and number of teams") from None
+            raise ConfigError(
+                "state", str(error), "a snapshot of the same scenario, worlds and number of teams"
+            ) from None
 
     def _parts(self) -> dict[str, Any]:
         return {

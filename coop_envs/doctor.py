@@ -17,10 +17,16 @@ from typing import Any
 from coop_envs.cli import parse
 
 ENABLES = {
-    "bullet": "PyBullet, the contact reference (no wheels above Python 3.11)",
+    "bullet": "PyBullet, the contact reference (to come; no wheels above Python 3.11)",
     "dev": "the project's own tests and checks",
+    "gtsam": "a factor graph as smoother and oracle (to come)",
     "log": "episode logs: DIR/episodes/*.mcap of `coop evaluate`",
-    "train": "training with Stable-Baselines3",
+    "mavlink": "robots that speak MAVLink (to come)",
+    "rllib": "training on many machines (to come)",
+    "ros1": "robots that speak ROS 1 (to come; apt's python3-rospy)",
+    "ros2": "robots that speak ROS 2 (to come)",
+    "serial": "robots on a serial line (to come)",
+    "train": "training with Stable-Baselines3 (to come); its environment checker in the tests",
     "viz": "reports, plots and videos",
 }
 

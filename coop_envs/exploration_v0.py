@@ -29,7 +29,6 @@ def parallel_env(
     render_mode: str | None = None,
     seed: int | None = None,
     *,
-    device: str = "cpu",
     num_worlds: int | None = None,
     split: Split = "train",
     **overrides: Any,
@@ -42,8 +41,7 @@ def parallel_env(
     from coop_envs.parallel_env import ExplorationParallelEnv
 
     chosen = load_scenario(scenario, fidelity=fidelity, physics=physics, **overrides)
-    settings: dict[str, Any] = {"device": device, "num_worlds": num_worlds, "split": split}
-    return ExplorationParallelEnv(chosen, render_mode=render_mode, seed=seed, **settings)
+    return ExplorationParallelEnv(chosen, render_mode=render_mode, seed=seed, num_worlds=num_worlds, split=split)
 
 
 def env(scenario: str | Path | Scenario = "arena", **settings: Any) -> AECEnv[str, Any, Any]:

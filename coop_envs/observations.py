@@ -15,7 +15,7 @@ import warp as wp
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from coop_envs.estimation.belief import LOST, WAITING, WORKING, Belief, MemberModel
+from coop_envs.estimation.belief import LOST, WAITING, Belief, MemberModel
 from coop_envs.estimation.declaring import position_sigma
 from coop_envs.geometry.so3 import heading
 from coop_envs.mapping.ground_map import GROUND, OBSTACLE, GroundMap, MapModel, probability
@@ -149,6 +149,7 @@ class ViewModel:
 
 @wp.func
 def heading_sigma(belief: Belief, b: int, r: int) -> float:
+    """Standard deviation of a robot's heading (rad)."""
     return wp.sqrt(wp.max(float(belief.pose_covariance[b, r][2, 2]), 0.0))
 
 
@@ -171,11 +172,11 @@ def window_corner(ground: GroundMap, model: MapModel, stride: int, b: int, x: fl
 @wp.func
 def window_value(ground: GroundMap, model: MapModel, stride: int, b: int, layer: int, i0: int, j0: int) -> int:
     """Probability times 255 of one window cell: of its map cells the likeliest hazard or obstacle, else their mean."""
-    total = float(0.0)
-    worst = float(0.5)
+    total = 0.0
+    worst = 0.5
     for di in range(stride):
         for dj in range(stride):
-            p = float(0.5)
+            p = 0.5
             i = i0 + di
             j = j0 + dj
             if i >= 0 and j >= 0 and i < model.nx and j < model.ny:
@@ -198,6 +199,7 @@ def draw_window(
     belief: Belief, ground: GroundMap, model: MapModel, view: ViewModel, members: wp.array(dtype=MemberModel),
     out: Observations, b: int, r: int, corner: wp.vec2i,
 ):  # fmt: skip
+    """Fill the map window of one agent; ``corner`` is the window's first map cell."""
     for i in range(WINDOW):
         for j in range(WINDOW):
             i0 = corner[0] + i * view.stride
@@ -227,9 +229,10 @@ def draw_window(
 
 @wp.func
 def draw_self(
-    belief: Belief, view: ViewModel, members: wp.array(dtype=MemberModel), out: Observations, rate: float, b: int, r: int,
-    corner: wp.vec2,
+    belief: Belief, view: ViewModel, members: wp.array(dtype=MemberModel), out: Observations, rate: float, b: int,
+    r: int, corner: wp.vec2,
 ):  # fmt: skip
+    """Fill what one agent knows of itself, in the order of `SELF_FIELDS`."""
     n = members.shape[0]
     p = belief.position[b, r]
     R = belief.rotation[b, r]
@@ -237,8 +240,8 @@ def draw_self(
     c = float(wp.cos(yaw))
     s = float(wp.sin(yaw))
     v = wp.transpose(R) * belief.velocity[b, r]
-    seen = float(0.0)
-    waiting = float(0.0)
+    seen = 0.0
+    waiting = 0.0
     for o in range(n):
         seen = seen + float(belief.seen[b, r, o])
         if belief.declared[b, o] == WAITING:
@@ -277,6 +280,7 @@ def draw_self(
 
 @wp.func
 def draw_mate(belief: Belief, members: wp.array(dtype=MemberModel), out: Observations, b: int, r: int, m: int, o: int):
+    """Fill row m of agent r's mates with robot o, in the order of `MATE_FIELDS`."""
     R = belief.rotation[b, r]
     d = wp.transpose(R) * (belief.position[b, o] - belief.position[b, r])
     yaw = heading(belief.rotation[b, o]) - heading(R)
@@ -318,16 +322,16 @@ def observe(
     p = belief.position[b, r]
     cells = window_corner(ground, model, view.stride, b, float(p[0]), float(p[1]))
     corner = ground.corner[b] + wp.vec2(float(cells[0]), float(cells[1])) * model.cell
-    rate = float(0.0)
+    rate = 0.0
     for t in range(gyro.shape[2]):
         rate = rate + (gyro[b, r, t][2] - float(belief.gyro_bias[b, r][2])) / float(gyro.shape[2])
     draw_self(belief, view, members, out, rate, b, r, corner)
     draw_window(belief, ground, model, view, members, out, b, r, cells)
-    rank = float(-1.0)
-    last = int(-1)
+    rank = -1.0
+    last = -1
     for m in range(MATES):
-        best = float(1.0e30)
-        chosen = int(-1)
+        best = 1.0e30
+        chosen = -1
         for o in range(members.shape[0]):
             if o != r:
                 d = mate_rank(belief, b, r, o)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium import spaces
@@ -28,6 +28,8 @@ from coop_envs.worlds.build import SPLITS, Split
 
 Observation = dict[str, NDArray[Any]]
 
+DEVICE = "cpu"  # one team is faster there than on a GPU, and its arrays are the host's
+
 
 class ExplorationParallelEnv(ParallelEnv[str, Observation, NDArray[np.float32]]):
     """One team exploring, every robot an agent.
@@ -37,7 +39,12 @@ class ExplorationParallelEnv(ParallelEnv[str, Observation, NDArray[np.float32]])
     Timeouts truncate. Reserves are agents from the start, docked until a loss calls them.
     """
 
-    metadata = {"name": "exploration_v0", "render_modes": ["rgb_array"], "render_fps": 5, "is_parallelizable": True}
+    metadata: ClassVar[dict[str, Any]] = {
+        "name": "exploration_v0",
+        "render_modes": ["rgb_array"],
+        "render_fps": 5,
+        "is_parallelizable": True,
+    }
 
     def __init__(
         self,
@@ -45,14 +52,14 @@ class ExplorationParallelEnv(ParallelEnv[str, Observation, NDArray[np.float32]])
         *,
         render_mode: str | None = None,
         seed: int | None = None,
-        device: str = "cpu",
         num_worlds: int | None = None,
         split: Split = "train",
     ) -> None:
         require(render_mode in (None, "rgb_array"), "render_mode", render_mode, "None or 'rgb_array'")
         require(split in SPLITS, "split", split, "train or heldout")
         require(num_worlds is None or num_worlds > 0, "num_worlds", num_worlds, "1 or more")
-        self.scenario, self.render_mode, self.device = scenario, render_mode, prepare(device)
+        self.scenario, self.render_mode = scenario, render_mode
+        prepare(DEVICE)
         self.num_worlds, self.split = num_worlds or default_num_worlds(scenario), split
         self.possible_agents = [member.name for member in scenario.team.members]
         self.agents: list[str] = []
@@ -67,10 +74,10 @@ class ExplorationParallelEnv(ParallelEnv[str, Observation, NDArray[np.float32]])
     def _spaces(self) -> tuple[spaces.Dict, spaces.Box]:
         return observation_space(), action_space()
 
-    def observation_space(self, agent: str) -> spaces.Dict:
+    def observation_space(self, agent: str) -> spaces.Dict:  # noqa: ARG002  every agent has the same
         return self._spaces[0]
 
-    def action_space(self, agent: str) -> spaces.Box:
+    def action_space(self, agent: str) -> spaces.Box:  # noqa: ARG002  every agent has the same
         return self._spaces[1]
 
     @property
@@ -114,7 +121,7 @@ class ExplorationParallelEnv(ParallelEnv[str, Observation, NDArray[np.float32]])
         split = chosen.get("split", self.split)
         index = int(chosen.get("world_index", world_index(self._seed, self._episode, self.num_worlds)))
         if self._loaded != (split, index):
-            self._batch = TeamBatch(self.scenario, open_pool(self.scenario, split, [index]), 1, self.device)
+            self._batch = TeamBatch(self.scenario, open_pool(self.scenario, split, [index]), 1, DEVICE)
             self._loaded = (split, index)
             self._picture = world_picture(self.batch.pool.worlds[0])
             self._link(self._batch)
@@ -146,9 +153,7 @@ class ExplorationParallelEnv(ParallelEnv[str, Observation, NDArray[np.float32]])
 
     def step(
         self, actions: Mapping[str, ArrayLike]
-    ) -> tuple[
-        dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]
-    ]:
+    ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
         """Let every live agent act for one decision.
 
         Raises:
@@ -196,8 +201,10 @@ class ExplorationParallelEnv(ParallelEnv[str, Observation, NDArray[np.float32]])
             return None
         from coop_envs.viewer.robots import Trail
         from coop_envs.viewer.topview import draw
+        from coop_envs.viewer.window import window_around
 
-        return draw(self.world_picture(), self.frame(), Trail.from_frames(self._past))
+        world, frame = self.world_picture(), self.frame()
+        return draw(world, frame, Trail.from_frames(self._past), window=window_around(world, frame.true_xy_yaw[0, :2]))
 
     def get_state(self) -> dict[str, Any]:
         """Everything that an episode's future depends on."""

@@ -17,7 +17,7 @@ from coop_envs.mapping.ground_map import GROUND, GroundMap, MapModel
 from coop_envs.mapping.information import held_ubit
 from coop_envs.scenario import Reward, Task
 from coop_envs.sensing.poses import cholesky6, vec6d
-from coop_envs.simulation.state import ACTIVE, DOCKED, State
+from coop_envs.simulation.state import ACTIVE, State
 from coop_envs.worlds.truth import TruthGrid
 from coop_envs.worlds.world import World
 
@@ -26,12 +26,12 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 TERMS = ("information", "energy", "action_energy", "picket_lost", "observer_lost", "goal")
 MAPPED = wp.constant(36)
 SAFE, OCCUPIED, REACHABLE = (wp.constant(k) for k in (1, 2, 4))
-DECISION_BITS = 1.0e-6
+MICROBIT = wp.constant(1.0e-6)
 
 
 @wp.struct
 class Truth:
-    """Cells of all worlds: world w has ``shape[w]`` cells of size ``cell`` from ``origin[w]``; goals x, y, radius, known."""
+    """Cells of all worlds: world w has ``shape[w]`` of size ``cell`` from ``origin[w]``; goals x, y, radius, known."""
 
     cells: wp.array(dtype=wp.uint8)
     offset: wp.array(dtype=int)
@@ -107,7 +107,9 @@ def score_model(reward: Reward, task: Task, decision_s: float) -> ScoreModel:
 def pack_truth(worlds: Sequence[World], grids: Sequence[TruthGrid], device: str) -> Truth:
     """Truth of all worlds."""
     truth = Truth()
-    layers = [g.safe.astype(np.uint8) + 2 * g.obstacle.astype(np.uint8) + 4 * g.reachable.astype(np.uint8) for g in grids]
+    layers = [
+        g.safe.astype(np.uint8) + 2 * g.obstacle.astype(np.uint8) + 4 * g.reachable.astype(np.uint8) for g in grids
+    ]
     truth.cells = wp.array(np.concatenate([c.ravel() for c in layers]).astype(np.uint8), dtype=wp.uint8, device=device)
     truth.offset = wp.array(np.cumsum([0] + [c.size for c in layers[:-1]]), dtype=int, device=device)
     truth.shape = wp.array([c.shape for c in layers], dtype=wp.vec2i, device=device)
@@ -192,13 +194,13 @@ def goal_reached(state: State, truth: Truth, b: int) -> bool:
 def end_agents(belief: Belief, score: Score, kinds: wp.array(dtype=int), model: ScoreModel, b: int):
     """Terminate the lost, and everybody at success or without a camera; truncate the rest at the time limit."""
     n = kinds.shape[0]
-    eyes = int(0)
+    eyes = 0
     for r in range(n):
         if (kinds[r] & 2) != 0 and belief.declared[b, r] == WORKING:
             eyes = eyes + 1
     over = score.success[b] == 1 or eyes == 0
     late = belief.clock[b] > model.decisions
-    left = int(0)
+    left = 0
     for r in range(n):
         score.terminated[b, r] = 0
         score.truncated[b, r] = 0
@@ -210,6 +212,53 @@ def end_agents(belief: Belief, score: Score, kinds: wp.array(dtype=int), model: 
             score.alive[b, r] = 1 - wp.max(score.terminated[b, r], score.truncated[b, r])
             left = left + score.alive[b, r]
     score.done[b] = int(left == 0)
+
+
+@wp.func
+def count_energy(state: State, score: Score, model: ScoreModel, b: int):
+    """Enter the energy drawn in this decision: all of it, and what motion, markers and scanner drew."""
+    total = wp.float64(0.0)
+    action = wp.float64(0.0)
+    for r in range(score.alive.shape[1]):
+        e = state.energy[b, r]
+        action = action + e[1] + e[2] + e[3]
+        total = total + e[0] + e[1] + e[2] + e[3]
+    score.terms[b, 1] = -float(total - score.energy[b]) * model.energy
+    score.terms[b, 2] = -float(action - score.action_energy[b]) * model.action_energy
+    score.energy[b] = total
+    score.action_energy[b] = action
+
+
+@wp.func
+def count_losses(state: State, score: Score, kinds: wp.array(dtype=int), model: ScoreModel, b: int):
+    """Price the robots that were lost, in truth, in this decision."""
+    for r in range(kinds.shape[0]):
+        status = state.status[b, r]
+        if status > ACTIVE and score.prior[b, r] <= ACTIVE:
+            if (kinds[r] & 1) != 0:
+                score.terms[b, 3] = score.terms[b, 3] - model.picket
+            else:
+                score.terms[b, 4] = score.terms[b, 4] - model.observer
+        score.prior[b, r] = status
+
+
+@wp.func
+def count_consistency(state: State, belief: Belief, score: Score, b: int):
+    """Enter how far, in its own measure, the pose of each robot at work is from the truth."""
+    for r in range(score.alive.shape[1]):
+        if belief.declared[b, r] == WORKING and belief.slot[b, r] != NO_SLOT and state.status[b, r] == ACTIVE:
+            nees = pose_nees(state, belief, b, r)
+            if nees >= wp.float64(0.0):
+                score.nees_sum[b] = score.nees_sum[b] + nees
+                score.nees_count[b] = score.nees_count[b] + 1
+
+
+@wp.func
+def accomplished(state: State, truth: Truth, score: Score, model: ScoreModel, b: int) -> bool:
+    """Whether the task is done: enough of the reachable ground mapped, or the goal reached."""
+    if model.by_coverage == 1:
+        return float(score.mapped[b]) >= model.coverage_target * float(score.reachable[b])
+    return goal_reached(state, truth, b)
 
 
 @wp.kernel
@@ -226,36 +275,12 @@ def judge(
         return
     had = score.information[b]
     count_information(state, ground, truth, map_model, score, table, b)
-    score.terms[b, 0] = float(score.information[b] - had) * DECISION_BITS * model.information
-    total = wp.float64(0.0)
-    action = wp.float64(0.0)
-    for r in range(kinds.shape[0]):
-        e = state.energy[b, r]
-        action = action + e[1] + e[2] + e[3]
-        total = total + e[0] + e[1] + e[2] + e[3]
-        status = state.status[b, r]
-        before = score.prior[b, r]
-        if status > ACTIVE and (before == ACTIVE or before == DOCKED):
-            if (kinds[r] & 1) != 0:
-                score.terms[b, 3] = score.terms[b, 3] - model.picket
-            else:
-                score.terms[b, 4] = score.terms[b, 4] - model.observer
-        score.prior[b, r] = status
-        if belief.declared[b, r] == WORKING and belief.slot[b, r] != NO_SLOT and status == ACTIVE:
-            nees = pose_nees(state, belief, b, r)
-            if nees >= wp.float64(0.0):
-                score.nees_sum[b] = score.nees_sum[b] + nees
-                score.nees_count[b] = score.nees_count[b] + 1
-    score.terms[b, 1] = -float(total - score.energy[b]) * model.energy
-    score.terms[b, 2] = -float(action - score.action_energy[b]) * model.action_energy
-    score.energy[b] = total
-    score.action_energy[b] = action
-    if model.by_coverage == 1:
-        if float(score.mapped[b]) >= model.coverage_target * float(score.reachable[b]):
-            score.success[b] = 1
-    elif goal_reached(state, truth, b):
+    score.terms[b, 0] = float(score.information[b] - had) * MICROBIT * model.information
+    count_energy(state, score, model, b)
+    count_losses(state, score, kinds, model, b)
+    count_consistency(state, belief, score, b)
+    if accomplished(state, truth, score, model, b):
         score.success[b] = 1
-    if score.success[b] == 1:
         score.terms[b, 5] = model.goal
     for k in range(score.terms.shape[1]):
         score.reward[b] = score.reward[b] + score.terms[b, k]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
@@ -18,6 +18,7 @@ from coop_envs.device import prepare
 from coop_envs.errors import require
 from coop_envs.geometry.keyed_random import team_key
 from coop_envs.observations import MAP_LAYERS, MATE_SIZE, MATES, SELF_SIZE, WINDOW
+from coop_envs.recording.frame import WorldPicture
 from coop_envs.scenario import Scenario
 from coop_envs.scoring import TERMS
 from coop_envs.world_pool import default_num_worlds, open_pool, world_index
@@ -48,7 +49,7 @@ class ExplorationVectorEnv(VectorEnv[TeamObservations, NDArray[np.float32], NDAr
     robots that are not alive are ignored.
     """
 
-    metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}
+    metadata: ClassVar[dict[str, Any]] = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}
 
     def __init__(
         self,
@@ -80,7 +81,7 @@ class ExplorationVectorEnv(VectorEnv[TeamObservations, NDArray[np.float32], NDAr
         *,
         seed: int | None = None,
         mask: ArrayLike | None = None,
-        options: dict[str, Any] | None = None,
+        options: dict[str, Any] | None = None,  # noqa: ARG002  Gymnasium's signature
     ) -> tuple[TeamObservations, dict[str, Any]]:
         """Set down anew the teams where ``mask`` (B,) is true, or all; the others wait.
 
@@ -198,7 +199,7 @@ class ExplorationTeamEnv(gym.Env[TeamObservations, NDArray[np.float32]]):
     An episode terminates when the task is done or nobody is left to go on, and truncates at the time limit.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 5}
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 5}
 
     def __init__(self, scenario: Scenario, *, render_mode: str | None = None, **settings: Any) -> None:
         require(render_mode in (None, "rgb_array"), "render_mode", render_mode, "None or 'rgb_array'")
@@ -207,9 +208,13 @@ class ExplorationTeamEnv(gym.Env[TeamObservations, NDArray[np.float32]]):
         self.observation_space = team_observation_space(robots)
         self.action_space = spaces.Box(-1.0, 1.0, (robots, ACTION_SIZE), np.float32)
         self._teams = ExplorationVectorEnv(scenario, 1, **settings)
+        self._pictures: dict[int, WorldPicture] = {}
 
     def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+        self,
+        *,
+        seed: int | None = None,
+        options: dict[str, Any] | None = None,  # noqa: ARG002  Gymnasium's signature
     ) -> tuple[TeamObservations, dict[str, Any]]:
         """Start an episode; see `ExplorationVectorEnv.reset`."""
         super().reset(seed=seed)
@@ -229,9 +234,18 @@ class ExplorationTeamEnv(gym.Env[TeamObservations, NDArray[np.float32]]):
         """The top view (height, width, 3)."""
         if self.render_mode is None:
             return None
-        from coop_envs.snapshot import team_frame, world_picture
+        from coop_envs.snapshot import team_frame
         from coop_envs.viewer.topview import draw
+        from coop_envs.viewer.window import window_around
 
-        batch = self._teams.batch
-        world = batch.pool.worlds[int(batch.state.world.numpy()[0])]
-        return draw(world_picture(world), team_frame(batch, 0))
+        world, frame = self._world_picture(), team_frame(self._teams.batch, 0)
+        return draw(world, frame, window=window_around(world, frame.true_xy_yaw[0, :2]))
+
+    def _world_picture(self) -> WorldPicture:
+        """The present world's picture, made once: the viewer keeps its backdrop as long as the object lives."""
+        from coop_envs.snapshot import world_picture
+
+        w = int(self._teams.batch.state.world.numpy()[0])
+        if w not in self._pictures:
+            self._pictures[w] = world_picture(self._teams.batch.pool.worlds[w])
+        return self._pictures[w]

@@ -15,6 +15,8 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.struct
 class PowerMatrices:
+    """The three matrices of a robot's power model; see `specification.PowerModel`."""
+
     robot: wp.mat44
     marker: wp.mat22
     scanner: wp.mat33

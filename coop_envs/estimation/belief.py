@@ -42,6 +42,8 @@ class Belief:
         (B, N) each robot's slot or -1; (B,) how many slots are in use.
     pose_covariance
         (B, N) the (theta, p) block, kept after a robot left the filter.
+    lag
+        (B, N) by how much the velocity at the end of the decision exceeds its mean, both in body axes.
     declared, stationary
         (B, N) a `Declared`; 1 where a robot stands still.
     rest_s, unseen_s, silent_s
@@ -74,6 +76,7 @@ class Belief:
     slot: wp.array2d(dtype=int)
     slots: wp.array(dtype=int)
     pose_covariance: wp.array2d(dtype=mat66d)
+    lag: wp.array2d(dtype=wp.vec3d)
     declared: wp.array2d(dtype=int)
     stationary: wp.array2d(dtype=int)
     rest_s: wp.array2d(dtype=float)

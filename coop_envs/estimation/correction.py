@@ -14,7 +14,7 @@ from __future__ import annotations
 import warp as wp
 
 from coop_envs.estimation.belief import ACCEL, GYRO, POSITION, THETA, VELOCITY, WORKING, Belief, MemberModel
-from coop_envs.estimation.propagation import FilterModel, block3, add_diagonal
+from coop_envs.estimation.propagation import FilterModel, add_diagonal, block3
 from coop_envs.geometry.so3 import exp_so3, log_so3, orthonormal
 from coop_envs.sensing.measurements import Measurements
 from coop_envs.sensing.poses import cholesky6, mat66d, vec6d
@@ -170,7 +170,9 @@ def correct_rest(
     Rt = wp.transpose(belief.rotation[b, r])
     expected = Rt * up + belief.accel_bias[b, r]
     accel_variance = one * (member.accel_noise * member.accel_noise / span)
-    correct_pair(belief, rows, b, Rt * wp.skew(up), o + THETA, eye, o + ACCEL, force - expected, accel_variance, NO_GATE)
+    correct_pair(
+        belief, rows, b, Rt * wp.skew(up), o + THETA, eye, o + ACCEL, force - expected, accel_variance, NO_GATE
+    )
 
 
 @wp.func
@@ -178,22 +180,23 @@ def correct_odometry(
     belief: Belief, measured: Measurements, member: MemberModel, model: FilterModel, rows: wp.array3d(dtype=wp.float64),
     b: int, r: int,
 ):  # fmt: skip
-    """Wheels give the body's forward speed and say that it moves neither sideways nor up.
+    """Wheels give the body's mean forward speed over the decision and say that it moves neither sideways nor up.
 
-    Slip wanders slower than decisions follow each other, so its variance counts 2 tau / T times. Not in the thesis, whose filter has no odometry: it bounds the IMU's drift while no landmark is in sight. A spinning
-    wheel on a trapped robot is thrown out by the gate, and not listened to once a camera has seen it spin in vain.
+    Both sides slip on their own, and slip wanders slower than decisions follow each other, so its variance counts
+    2 tau / T times. Not in the thesis, whose filter has no odometry: it bounds the IMU's drift while no landmark is in
+    sight. A spinning wheel on a trapped robot is thrown out by the gate, and not listened to once a camera has seen it
+    spin in vain.
     """
     o = 15 * belief.slot[b, r]
     rim = measured.wheels[b, r] * member.wheel_radius
     speed = 0.5 * (rim[0] + rim[1])
-    pace = 0.5 * (wp.abs(rim[0]) + wp.abs(rim[1]))
     slip = member.slip * wp.sqrt(2.0 * member.slip_time / model.decision_s)
     share = wp.sqrt(slip * slip + member.odometry_noise * member.odometry_noise)
-    noise = wp.float64((ODOMETRY_FLOOR_M_S + share * pace) * model.odometry_scale)
+    noise = wp.float64((ODOMETRY_FLOOR_M_S + share * 0.5 * wp.length(rim)) * model.odometry_scale)
     Rt = wp.transpose(belief.rotation[b, r])
     v = belief.velocity[b, r]
     zero = wp.float64(0.0)
-    residual = wp.vec3d(wp.float64(speed), zero, zero) - Rt * v
+    residual = wp.vec3d(wp.float64(speed), zero, zero) - (Rt * v - belief.lag[b, r])
     variance = wp.vec3d(noise * noise, noise * noise, noise * noise)
     correct_pair(belief, rows, b, Rt * wp.skew(v), o + THETA, Rt, o + VELOCITY, residual, variance, GATE_THREE)
 
@@ -206,7 +209,13 @@ def spins_in_sight(belief: Belief, b: int, r: int) -> bool:
 
 @wp.func
 def correct_pose(
-    belief: Belief, measured: Measurements, member: MemberModel, rows: wp.array3d(dtype=wp.float64), b: int, i: int, j: int
+    belief: Belief,
+    measured: Measurements,
+    member: MemberModel,
+    rows: wp.array3d(dtype=wp.float64),
+    b: int,
+    i: int,
+    j: int,
 ) -> bool:
     """Update with the pose of robot j from the camera of robot i."""
     size = 15 * belief.slots[b]
@@ -289,10 +298,10 @@ def fuse(
             fuse_sightings(belief, measured, members, rows, b, i)
     for r in range(n):
         belief.battery[b, r] = measured.battery[b, r]
-        sighted = bool(False)
+        sighted = False
         for i in range(n):
             if belief.seen[b, i, r] == 1 or belief.seen[b, r, i] == 1:
-                sighted = bool(True)
+                sighted = True
         belief.unseen_s[b, r] = belief.unseen_s[b, r] + model.decision_s
         if sighted:
             belief.unseen_s[b, r] = 0.0

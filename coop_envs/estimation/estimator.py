@@ -38,7 +38,11 @@ class Plan:
 
 @wp.kernel
 def chart(
-    belief: Belief, ground: GroundMap, members: wp.array(dtype=MemberModel), model: MapModel, running: wp.array(dtype=int)
+    belief: Belief,
+    ground: GroundMap,
+    members: wp.array(dtype=MemberModel),
+    model: MapModel,
+    running: wp.array(dtype=int),
 ):
     """Enter every robot of the running teams into their maps."""
     b = wp.tid()

@@ -60,10 +60,13 @@ def integrate(belief: Belief, measured: Measurements, model: FilterModel, b: int
     p = belief.position[b, r]
     v = belief.velocity[b, r]
     gravity = wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(-9.81))
+    mean = wp.vec3d()
     for t in range(ticks):
         force = R * (wp.vec3d(measured.accel[b, r, t]) - belief.accel_bias[b, r])
         turn = (wp.vec3d(measured.gyro[b, r, t]) - belief.gyro_bias[b, r]) * dt
-        p = p + v * dt + (force + gravity) * (half * dt * dt)
+        middle = v + (force + gravity) * (half * dt)
+        mean = mean + wp.transpose(R) * middle / wp.float64(ticks)
+        p = p + middle * dt
         v = v + (force + gravity) * dt
         lever = wp.skew(force) * (-dt)
         bend = lever * phi.theta_gyro
@@ -80,6 +83,7 @@ def integrate(belief: Belief, measured: Measurements, model: FilterModel, b: int
     belief.position[b, r] = p
     belief.velocity[b, r] = v
     belief.rotation[b, r] = orthonormal(R)
+    belief.lag[b, r] = wp.transpose(R) * v - mean
     return phi
 
 

@@ -45,16 +45,15 @@ def draw_key(team: wp.uint64, tick: int, robot: int, channel: int) -> wp.uint64:
 
 @wp.func
 def uniform(key: wp.uint64) -> float:
-    """Uniform in (0, 1), 24 bits."""
-    return (float(int(key >> wp.uint64(40))) + 0.5) / 16777216.0
+    """Uniform in (0, 1), both ends excluded: 23 bits and a half are exact in float32."""
+    return (float(int(key >> wp.uint64(41))) + 0.5) / 8388608.0
 
 
 @wp.func
 def normal2(key: wp.uint64) -> wp.vec2:
     """Two independent standard normal numbers (Box-Muller)."""
-    u = (float(int(key >> wp.uint64(40))) + 0.5) / 16777216.0
     a = float(int((key >> wp.uint64(8)) & wp.uint64(0xFFFFFF))) * (6.283185307179586 / 16777216.0)
-    r = wp.sqrt(-2.0 * wp.log(u))
+    r = wp.sqrt(-2.0 * wp.log(uniform(key)))
     return wp.vec2(r * wp.cos(a), r * wp.sin(a))
 
 

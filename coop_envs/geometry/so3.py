@@ -57,7 +57,11 @@ def wrap(angle: float) -> float:
 
 @wp.func
 def stand_on(normal: wp.vec3, yaw: float) -> wp.mat33:
-    """R_world_body of a body standing on a plane with this normal, its x axis above heading yaw."""
-    forward = wp.vec3(wp.cos(yaw), wp.sin(yaw), 0.0)
-    x = wp.normalize(forward - normal * wp.dot(normal, forward))
+    """R_world_body of a body standing on a plane with this normal, its x axis above heading yaw.
+
+    The plane must not be vertical; a normal that points down lays the body on its back.
+    """
+    c = wp.cos(yaw)
+    s = wp.sin(yaw)
+    x = wp.normalize(wp.vec3(c, s, -(normal[0] * c + normal[1] * s) / normal[2]))
     return wp.matrix_from_cols(x, wp.cross(normal, x), normal)

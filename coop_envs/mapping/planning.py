@@ -51,6 +51,10 @@ class BeliefGrid:
         """Centres (k, 2) of the cells where the mask holds."""
         return self.centre_of(np.argwhere(mask))
 
+    def centres_all(self) -> Points:
+        """Centres (nx, ny, 2) of all cells."""
+        return self.centre_of(np.stack(np.indices(self.ground.shape), axis=-1))
+
     def within(self, disc: Disc) -> Mask:
         """Cells whose centre lies within the disc (x, y, radius)."""
         x, y, radius = disc
@@ -155,9 +159,7 @@ class SafeRoutes:
         least = min(0.0, float(self.clearance(self.start_m[None])[0])) - 1e-9
         near = np.argwhere(self.safe & self.grid.within((*self.start_m, ENTRY_CELLS * self.grid.cell_m)))
         return [
-            (i, j)
-            for i, j in near.tolist()
-            if self.clearance.along(self.start_m, self.grid.centre_of((i, j))) >= least
+            (i, j) for i, j in near.tolist() if self.clearance.along(self.start_m, self.grid.centre_of((i, j))) >= least
         ]
 
     def nearest_to(self, goal_m: ArrayLike, radius_m: float) -> Cell | None:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 
-
 class Calibration(Protocol):
     """What a camera's description must hold: image size, intrinsics, distortion (k1, k2, p1, p2, k3), mounting."""
 

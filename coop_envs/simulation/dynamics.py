@@ -52,7 +52,7 @@ def footing(terrain: Terrain, w: int, model: RobotModel, at: wp.vec2, below: flo
         foot.normal = wp.vec3(0.0, 0.0, 1.0)
         return foot
     total = centre
-    count = float(1.0)
+    count = 1.0
     tilt = wp.vec2(0.0, 0.0)
     for k in range(RIM_POINTS):
         ray = wp.vec2(wp.cos(float(k) * RIM_STEP), wp.sin(float(k) * RIM_STEP))
@@ -83,7 +83,9 @@ def without_approach(step: wp.vec2, towards: wp.vec2) -> wp.vec2:
 
 
 @wp.func
-def ground_motion(model: RobotModel, wheels: wp.vec2, slip: wp.vec2, scale: float, R: wp.mat33, friction: float) -> wp.vec3:
+def ground_motion(
+    model: RobotModel, wheels: wp.vec2, slip: wp.vec2, scale: float, R: wp.mat33, friction: float
+) -> wp.vec3:
     """Forward speed, leftward speed and yaw rate on the ground from wheel speeds, slip and slope.
 
     Going uphill loses ``slope_slip`` times the grade; across a slope the robot crabs downhill by the same share of its
@@ -117,7 +119,9 @@ def present(state: State, b: int, r: int) -> bool:
 
 
 @wp.func
-def around_robots(state: State, robots: wp.array(dtype=RobotModel), b: int, r: int, foot: wp.vec2, step: wp.vec2) -> wp.vec2:
+def around_robots(
+    state: State, robots: wp.array(dtype=RobotModel), b: int, r: int, foot: wp.vec2, step: wp.vec2
+) -> wp.vec2:
     """A step less what would push into another robot."""
     free = step
     for o in range(robots.shape[0]):

@@ -57,8 +57,12 @@ class FastPhysics:
         self.measurements = allocate_measurements(teams, n, clock.ticks, device)
         self.running = wp.ones(teams, dtype=int, device=device)
         shared = [self.state, self.command]
-        self._serve_dock = self._record(serve_dock, teams, [*shared, self.robots, self.starts, self.ground, self.running])
-        self._advance = self._record(advance, teams, [*shared, self.measurements, self.robots, self.ground, clock, self.running])
+        self._serve_dock = self._record(
+            serve_dock, teams, [*shared, self.robots, self.starts, self.ground, self.running]
+        )
+        self._advance = self._record(
+            advance, teams, [*shared, self.measurements, self.robots, self.ground, clock, self.running]
+        )
         sight = [*shared, self.measurements, self.robots, self.cameras, leds, led_model, self.ground, self.running]
         self._see = self._record(see, (teams, n), sight)
 

@@ -25,7 +25,9 @@ DIFFUSER_M = wp.constant(0.005)
 
 
 @wp.func
-def hidden_by_robot(state: State, robots: wp.array(dtype=RobotModel), b: int, i: int, j: int, a: wp.vec3, c: wp.vec3) -> bool:
+def hidden_by_robot(
+    state: State, robots: wp.array(dtype=RobotModel), b: int, i: int, j: int, a: wp.vec3, c: wp.vec3
+) -> bool:
     """Whether a third robot's body, an upright cylinder, stands between camera a and LED c."""
     d = wp.vec2(c[0] - a[0], c[1] - a[1])
     length2 = wp.dot(d, d)
@@ -56,7 +58,7 @@ def look_at(
     p_camera_body = wp.transpose(R_world_camera) * (state.position[b, j] - eye)
     up = wp.vec3(R[0, 2], R[1, 2], R[2, 2])
     information = mat66d()
-    detected = int(0)
+    detected = 0
     for k in range(robots[j].leds):
         arm = R_camera_body * leds[j, k]
         if in_view(camera, arm + p_camera_body):
@@ -65,7 +67,9 @@ def look_at(
             if signal >= model.detection_signal and not hidden_by_robot(state, robots, b, i, j, eye, lamp):
                 if not blocked(ground.terrain, state.world[b], eye, lamp, DIFFUSER_M):
                     detected = detected + 1
-                    information = information + led_information(camera.focal, arm, p_camera_body, pixel_noise(model, signal))
+                    information = information + led_information(
+                        camera.focal, arm, p_camera_body, pixel_noise(model, signal)
+                    )
     if detected < model.min_leds:
         information = mat66d()
     return information

@@ -31,7 +31,7 @@ class State:
     """Arrays over B teams and N robots, world frame, SI units.
 
     position, rotation, velocity
-        (B, N) body origin, R_world_body, velocity averaged over the last tick.
+        (B, N) body origin, R_world_body, velocity at the end of the last tick.
     yaw, wheels, slip
         (B, N) heading, actual wheel speeds (rad/s), relative slip of both sides.
     status, collected

@@ -62,7 +62,7 @@ def draw_power(state: State, command: Command, model: RobotModel, b: int, r: int
 
     Motion is what the wheels do, whether the robot gets anywhere or not; rolling downhill cannot charge the battery.
     """
-    steering = float(0.0)
+    steering = 0.0
     if command.galvo[b, r][0] != 0 or command.galvo[b, r][1] != 0:
         steering = 1.0
     rim = state.wheels[b, r] * model.wheel_radius
@@ -80,16 +80,15 @@ def draw_power(state: State, command: Command, model: RobotModel, b: int, r: int
 
 @wp.func
 def sample_imu(
-    state: State, out: Measurements, model: RobotModel, b: int, r: int, t: int, R: wp.mat33, before: wp.vec3, dt: float
+    state: State, out: Measurements, model: RobotModel, b: int, r: int, t: int, R: wp.mat33, velocity: wp.vec3, dt: float
 ):
-    """One IMU sample: rotation since ``R`` and change of the mean velocity since the last tick, plus bias and noise."""
+    """One IMU sample: rotation since ``R`` and the change to ``velocity`` since the last tick, plus bias and noise."""
     tick = state.tick[b] + t
     key = state.key[b]
-    velocity = (state.position[b, r] - before) / dt
     force = wp.transpose(R) * ((velocity - state.velocity[b, r]) / dt + wp.vec3(0.0, 0.0, GRAVITY))
     rate = wp.vec3(log_so3(wp.mat33d(wp.transpose(R) * state.rotation[b, r]))) / dt
     state.velocity[b, r] = velocity
-    shake = float(0.0)
+    shake = 0.0
     if wp.length(state.wheels[b, r]) > MOVING_RAD_S:
         shake = 1.0
     root = wp.sqrt(1.0 / dt)
@@ -112,10 +111,12 @@ def tick_robot(
     """One tick of one robot."""
     model = robots[r]
     before = state.position[b, r]
+    last = before
     R = state.rotation[b, r]
     dt = clock.tick_s / float(clock.substeps)
     wander_slip(state, model, b, r, state.tick[b] + t, clock.tick_s)
     for _s in range(clock.substeps):
+        last = state.position[b, r]
         if state.status[b, r] == ACTIVE or state.status[b, r] == TRAPPED:
             spin_wheels(state, model, b, r, command.wheels[b, r], dt)
         if restless(state, b, r):
@@ -128,7 +129,7 @@ def tick_robot(
         state.wheels[b, r] = wp.vec2(0.0, 0.0)
     state.path[b, r] = state.path[b, r] + wp.length(state.position[b, r] - before)
     out.wheels[b, r] = out.wheels[b, r] + state.wheels[b, r] / float(clock.ticks)
-    sample_imu(state, out, model, b, r, t, R, before, clock.tick_s)
+    sample_imu(state, out, model, b, r, t, R, (state.position[b, r] - last) / dt, clock.tick_s)
 
 
 @wp.kernel

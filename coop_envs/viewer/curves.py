@@ -37,7 +37,7 @@ def bands(
         policy: [
             (episode["series"][against], episode["series"][quantity])
             for episode in episodes
-            if len(episode.get("series", {}).get(against, ()))
+            if (episode.get("series") or {}).get(against)
         ]
         for policy, episodes in results.items()
     }

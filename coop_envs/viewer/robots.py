@@ -132,6 +132,7 @@ def draw_sight_lines(picture: Picture, view: View, frame: Frame, colours: list[R
 
 def draw_robots(picture: Picture, view: View, frame: Frame) -> None:
     """True robots as discs with their heading, believed ones as outlines with 2-sigma ellipses, in place."""
+    _draw_dock(picture, view, frame)
     colours = robot_colours(frame.role)
     placed = np.isfinite(shown_poses(frame)).all(axis=-1)
     out = np.flatnonzero(placed & (frame.status != DOCKED)).tolist()
@@ -142,7 +143,6 @@ def draw_robots(picture: Picture, view: View, frame: Frame) -> None:
         _draw_ellipse(picture, view, frame, i, colours[i])
     for i in out:
         _label(picture, view, frame, i, colours[i])
-    _draw_dock(picture, view, frame)
 
 
 def radius_px(view: View, body_radius_m: float) -> float:
@@ -230,7 +230,7 @@ def _label(picture: Picture, view: View, frame: Frame, i: int, colour: Rgb) -> N
 
 
 def _draw_dock(picture: Picture, view: View, frame: Frame) -> None:
-    docked = frame.true_xy_yaw[(frame.status == DOCKED) & np.isfinite(frame.true_xy_yaw).all(axis=-1)]
-    for pose in np.unique(docked.round(2), axis=0):
-        count = int((docked.round(2) == pose).all(axis=-1).sum())
-        draw_dock(picture, view.px(pose[:2]), str(count))
+    docked = shown_poses(frame)[frame.status == DOCKED, :2]
+    docked = docked[np.isfinite(docked).all(axis=-1)]
+    if docked.size:
+        draw_dock(picture, view.px(docked.mean(axis=0)), str(len(docked)))

@@ -25,7 +25,9 @@ def test_bands_skip_episodes_without_series_and_share_their_axis() -> None:
     def episode(end: float) -> dict:
         return {"series": {"time_s": [0.0, end], "coverage": [0.0, 1.0]}}
 
-    result = bands({"a": [episode(10), {}], "b": [episode(20)], "c": [{"series": {}}]}, "time_s", count=5)
+    result = bands(
+        {"a": [episode(10), {}], "b": [episode(20)], "c": [{"series": {}}, {"series": None}]}, "time_s", count=5
+    )
     assert list(result) == ["a", "b"]
     assert result["a"].x.tolist() == result["b"].x.tolist() == [0, 5, 10, 15, 20]
     assert result["a"].median.tolist() == [0, 0.5, 1, 1, 1]
