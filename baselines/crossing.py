@@ -8,7 +8,7 @@ Source: thesis 2.2.5 (navigation with the observer); chapter 5 (the inchworm rul
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -44,13 +44,14 @@ class ObserverPlanner:
         mates_radius_m = max((member.robot.body_radius_m for member in team.members[1:]), default=0.0)
         self.footprint = Footprint(leader.contact_radius_m, leader.body_radius_m)
         self._apart_m = leader.body_radius_m + mates_radius_m + GAP_M
+        self._collects_lost = team.collects_lost
         self._set_down: Disc = (0.0, 0.0, self._apart_m)
 
     def routes(self, view: TeamView, atlas: Atlas, among_scouts: bool) -> SafeRoutes:
         """All routes from where the observer stands; ``among_scouts`` keeps clear of live scouts, too."""
         survey = self._trusting(atlas)
         scouts = [scout.xy for scout in view.scouts] if among_scouts else []
-        return SafeRoutes(survey.grid, view.leader.xy, self.footprint, self._bodies([*survey.losses, *scouts]))
+        return SafeRoutes(survey.grid, view.leader.xy, self.footprint, self._bodies(survey, scouts))
 
     def prospect(self, view: TeamView, atlas: Atlas) -> Prospect | None:
         """What the way to the goal still needs; None without a goal, or if nothing is left to hope for."""
@@ -59,14 +60,15 @@ class ObserverPlanner:
         ends = (view.leader.xy, view.goal)
         atlas.include(np.array(ends))
         survey = self._trusting(atlas)
-        return find_prospect(survey, *ends, self.footprint, self._bodies(survey.losses))
+        return find_prospect(survey, *ends, self.footprint, self._bodies(survey, []))
 
     def _trusting(self, atlas: Atlas) -> Survey:
         survey = atlas.survey
         return replace(survey, grid=survey.grid.trusting(self._set_down))
 
-    def _bodies(self, places: Iterable[Point]) -> tuple[Disc, ...]:
-        return tuple((x, y, self._apart_m) for x, y in places)
+    def _bodies(self, survey: Survey, scouts: list[Point]) -> tuple[Disc, ...]:
+        lost = [] if self._collects_lost else survey.losses
+        return tuple((x, y, self._apart_m) for x, y in (*lost, *scouts))
 
 
 class Crossing:

@@ -1,8 +1,9 @@
 """Ways over ground that is not proven yet: what the observer would need, and how pickets get about.
 
 The prospect is the observer's cheapest way to the goal if unknown ground turned out safe; the unproven cells that its
-contact disc would touch there are what is worth proving. Unknown ground is dear, dearer after each failure to get there
-(a factor of 2, as in thesis 2.2.3), and dearer still near a lost robot, for hazards are wider than a robot's touch.
+contact disc would touch there are what is worth proving. Unproven ground is dear, the more so the less likely it is to carry a
+robot, after each failure to get there (a factor of 2, as in thesis 2.2.3), and near a lost robot, for hazards are wider
+than a robot's touch.
 """
 
 from __future__ import annotations
@@ -13,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from baselines.atlas import Point, Survey
-from coop_envs.mapping.planning import BLOCKED, HAZARD, PROVEN, Disc, Footprint, Mask, Points, minimum_cost_search
+from coop_envs.mapping.planning import BLOCKED, PROVEN, Disc, Footprint, Mask, Points, minimum_cost_search
 
-UNKNOWN_PRICE, OFF_WAY = 4.0, 3.0
-SUSPECT_M, SUSPECT_DOUBLINGS = 0.36, 4.0
+UNPROVEN_PRICE, OFF_WAY = 2.0, 3.0
+SUSPECT_M, SUSPECT_DOUBLINGS = 0.30, 3.0
+HOPELESS = 8  # P(ground carries robots) in 255ths up to which a cell is not even hoped for
 FORBIDDEN_PRICE = 300.0
 
 
@@ -34,7 +36,7 @@ def find_prospect(
     """The observer's prospect, or None if known hazards and obstacles leave none. Start and goal lie in the grid."""
     grid, reach_m = survey.grid, footprint.reach_m(survey.grid.cell_m)
     price = _price_under(_ground_price(survey), reach_m, grid.cell_m)
-    price[_near(grid.ground <= HAZARD, reach_m, grid.cell_m)] = -1.0
+    price[_near(grid.ground <= HOPELESS, reach_m, grid.cell_m)] = -1.0
     price[_near(grid.obstacle >= BLOCKED, footprint.body_radius_m + 0.5 * grid.cell_m, grid.cell_m)] = -1.0
     for place in keep_out:
         price[grid.within(place)] = -1.0
@@ -60,7 +62,7 @@ def scouting_way(survey: Survey, start: Point, end: Point, footprint: Footprint,
     if prospect is not None:
         way = _mask_of(survey, prospect.way)
         price = np.where(way | (price <= 1.0), price, OFF_WAY * price)
-    price[grid.ground <= HAZARD] = FORBIDDEN_PRICE
+    price[grid.ground <= HOPELESS] = FORBIDDEN_PRICE
     price = _price_under(price, footprint.reach_m(grid.cell_m), grid.cell_m)
     price[_near(grid.obstacle >= BLOCKED, footprint.body_radius_m, grid.cell_m)] = FORBIDDEN_PRICE
     first, last = (_cell(survey, p) for p in (start, end))
@@ -73,8 +75,9 @@ def scouting_way(survey: Survey, start: Point, end: Point, footprint: Footprint,
 def _ground_price(survey: Survey) -> NDArray[np.float64]:
     """Price (nx, ny) of a metre over each cell: 1 where proven."""
     grid = survey.grid
-    unknown = UNKNOWN_PRICE * np.exp2(survey.doubt.astype(np.float64)) * suspicion(grid.centres_all(), survey.losses)
-    return np.where(grid.ground >= PROVEN, 1.0, unknown)
+    price = UNPROVEN_PRICE * 255.0 / np.maximum(grid.ground, 1)
+    price *= np.exp2(survey.doubt.astype(np.float64)) * suspicion(grid.centres_all(), survey.losses)
+    return np.where(grid.ground >= PROVEN, 1.0, price)
 
 
 def suspicion(points: Points, losses: tuple[Point, ...]) -> NDArray[np.float64]:

@@ -172,11 +172,11 @@ def window_corner(ground: GroundMap, model: MapModel, stride: int, b: int, x: fl
 @wp.func
 def window_value(ground: GroundMap, model: MapModel, stride: int, b: int, layer: int, i0: int, j0: int) -> int:
     """Probability times 255 of one window cell: of its map cells the likeliest hazard or obstacle, else their mean."""
-    total = 0.0
-    worst = 0.5
+    total = float(0.0)
+    worst = float(0.5)
     for di in range(stride):
         for dj in range(stride):
-            p = 0.5
+            p = float(0.5)
             i = i0 + di
             j = j0 + dj
             if i >= 0 and j >= 0 and i < model.nx and j < model.ny:
@@ -240,8 +240,8 @@ def draw_self(
     c = float(wp.cos(yaw))
     s = float(wp.sin(yaw))
     v = wp.transpose(R) * belief.velocity[b, r]
-    seen = 0.0
-    waiting = 0.0
+    seen = float(0.0)
+    waiting = float(0.0)
     for o in range(n):
         seen = seen + float(belief.seen[b, r, o])
         if belief.declared[b, o] == WAITING:
@@ -322,16 +322,16 @@ def observe(
     p = belief.position[b, r]
     cells = window_corner(ground, model, view.stride, b, float(p[0]), float(p[1]))
     corner = ground.corner[b] + wp.vec2(float(cells[0]), float(cells[1])) * model.cell
-    rate = 0.0
+    rate = float(0.0)
     for t in range(gyro.shape[2]):
         rate = rate + (gyro[b, r, t][2] - float(belief.gyro_bias[b, r][2])) / float(gyro.shape[2])
     draw_self(belief, view, members, out, rate, b, r, corner)
     draw_window(belief, ground, model, view, members, out, b, r, cells)
-    rank = -1.0
-    last = -1
+    rank = float(-1.0)
+    last = int(-1)
     for m in range(MATES):
-        best = 1.0e30
-        chosen = -1
+        best = float(1.0e30)
+        chosen = int(-1)
         for o in range(members.shape[0]):
             if o != r:
                 d = mate_rank(belief, b, r, o)

@@ -194,13 +194,13 @@ def goal_reached(state: State, truth: Truth, b: int) -> bool:
 def end_agents(belief: Belief, score: Score, kinds: wp.array(dtype=int), model: ScoreModel, b: int):
     """Terminate the lost, and everybody at success or without a camera; truncate the rest at the time limit."""
     n = kinds.shape[0]
-    eyes = 0
+    eyes = int(0)
     for r in range(n):
         if (kinds[r] & 2) != 0 and belief.declared[b, r] == WORKING:
             eyes = eyes + 1
     over = score.success[b] == 1 or eyes == 0
     late = belief.clock[b] > model.decisions
-    left = 0
+    left = int(0)
     for r in range(n):
         score.terminated[b, r] = 0
         score.truncated[b, r] = 0

@@ -298,10 +298,10 @@ def fuse(
             fuse_sightings(belief, measured, members, rows, b, i)
     for r in range(n):
         belief.battery[b, r] = measured.battery[b, r]
-        sighted = False
+        sighted = bool(False)
         for i in range(n):
             if belief.seen[b, i, r] == 1 or belief.seen[b, r, i] == 1:
-                sighted = True
+                sighted = bool(True)
         belief.unseen_s[b, r] = belief.unseen_s[b, r] + model.decision_s
         if sighted:
             belief.unseen_s[b, r] = 0.0

@@ -65,7 +65,7 @@ def count_trying(belief: Belief, measured: Measurements, member: MemberModel, mo
     belief.tried_s[b, r] = belief.tried_s[b, r] + model.decision_s
     if wp.abs(turn) > TURN_RAD_S:
         ticks = measured.gyro.shape[2]
-        rate = 0.0
+        rate = float(0.0)
         for t in range(ticks):
             rate = rate + measured.gyro[b, r, t][2] / float(ticks)
         rate = rate - float(belief.gyro_bias[b, r][2])

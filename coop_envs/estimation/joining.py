@@ -64,10 +64,10 @@ def free_slot(belief: Belief, b: int) -> int:
         belief.slots[b] = belief.slots[b] + 1
         return belief.slots[b] - 1
     for s in range(total):
-        taken = False
+        taken = bool(False)
         for r in range(belief.slot.shape[1]):
             if belief.slot[b, r] == s:
-                taken = True
+                taken = bool(True)
         if not taken:
             return s
     for r in range(belief.slot.shape[1]):

@@ -95,7 +95,7 @@ def cast_height_field(terrain: Terrain, w: int, start: wp.vec3, direction: wp.ve
     gy = (start[1] - terrain.origin[w][1]) * inverse
     dx = direction[0] * inverse
     dy = direction[1] * inverse
-    t = 0.0
+    t = float(0.0)
     far = limit
     if dx == 0.0:
         if gx < 0.0 or gx > float(n[0] - 1):
@@ -115,12 +115,12 @@ def cast_height_field(terrain: Terrain, w: int, start: wp.vec3, direction: wp.ve
         far = wp.min(far, wp.max(a, b))
     i = wp.clamp(int(wp.floor(gx + dx * t)), 0, n[0] - 2)
     j = wp.clamp(int(wp.floor(gy + dy * t)), 0, n[1] - 2)
-    step_i = 1
-    step_j = 1
-    next_x = 1.0e30
-    next_y = 1.0e30
-    delta_x = 1.0e30
-    delta_y = 1.0e30
+    step_i = int(1)
+    step_j = int(1)
+    next_x = float(1.0e30)
+    next_y = float(1.0e30)
+    delta_x = float(1.0e30)
+    delta_y = float(1.0e30)
     if dx > 0.0:
         next_x = (float(i + 1) - gx) / dx
         delta_x = 1.0 / dx

@@ -52,7 +52,7 @@ def footing(terrain: Terrain, w: int, model: RobotModel, at: wp.vec2, below: flo
         foot.normal = wp.vec3(0.0, 0.0, 1.0)
         return foot
     total = centre
-    count = 1.0
+    count = float(1.0)
     tilt = wp.vec2(0.0, 0.0)
     for k in range(RIM_POINTS):
         ray = wp.vec2(wp.cos(float(k) * RIM_STEP), wp.sin(float(k) * RIM_STEP))

@@ -23,7 +23,7 @@ def hazard_distance(hazards: Hazards, k: int, x: float, y: float) -> float:
 @wp.func
 def motion_scale(hazards: Hazards, w: int, x: float, y: float) -> float:
     """How much of the commanded motion the ground at (x, y) gives: 1, or less on a slippery patch."""
-    scale = 1.0
+    scale = float(1.0)
     for k in range(hazards.first[w], hazards.first[w + 1]):
         if hazards.kind[k] == SLIPPERY and hazard_distance(hazards, k, x, y) < 0.0:
             scale = wp.min(scale, hazards.motion_scale[k])

@@ -88,11 +88,11 @@ def serve_dock(
             state.collected[b, r] = 1
         if state.status[b, r] == DOCKED and command.undock[b, r] == 1:
             pose = starts.dock[state.world[b]]
-            free = True
+            free = bool(True)
             for o in range(robots.shape[0]):
                 gap = wp.length(wp.vec2(state.position[b, o][0] - pose[0], state.position[b, o][1] - pose[1]))
                 if present(state, b, o) and gap < robots[o].body_radius + robots[r].body_radius:
-                    free = False
+                    free = bool(False)
             if free:
                 a = normal2(draw_key(state.key[b], state.tick[b], r, PLACE_CHANNEL)) * starts.position_sigma
                 turn = normal2(draw_key(state.key[b], state.tick[b], r, PLACE_CHANNEL + 1))

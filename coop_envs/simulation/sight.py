@@ -58,7 +58,7 @@ def look_at(
     p_camera_body = wp.transpose(R_world_camera) * (state.position[b, j] - eye)
     up = wp.vec3(R[0, 2], R[1, 2], R[2, 2])
     information = mat66d()
-    detected = 0
+    detected = int(0)
     for k in range(robots[j].leds):
         arm = R_camera_body * leds[j, k]
         if in_view(camera, arm + p_camera_body):

@@ -62,7 +62,7 @@ def draw_power(state: State, command: Command, model: RobotModel, b: int, r: int
 
     Motion is what the wheels do, whether the robot gets anywhere or not; rolling downhill cannot charge the battery.
     """
-    steering = 0.0
+    steering = float(0.0)
     if command.galvo[b, r][0] != 0 or command.galvo[b, r][1] != 0:
         steering = 1.0
     rim = state.wheels[b, r] * model.wheel_radius
@@ -88,7 +88,7 @@ def sample_imu(
     force = wp.transpose(R) * ((velocity - state.velocity[b, r]) / dt + wp.vec3(0.0, 0.0, GRAVITY))
     rate = wp.vec3(log_so3(wp.mat33d(wp.transpose(R) * state.rotation[b, r]))) / dt
     state.velocity[b, r] = velocity
-    shake = 0.0
+    shake = float(0.0)
     if wp.length(state.wheels[b, r]) > MOVING_RAD_S:
         shake = 1.0
     root = wp.sqrt(1.0 / dt)

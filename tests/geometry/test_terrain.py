@@ -56,7 +56,9 @@ def test_height_field_equals_its_triangles(seed):
 def test_grazing_rays():
     ground = bumpy(5)
     start, direction = rays_from_above(ground, 3000, 5)
-    direction[:, 2] = np.random.default_rng(6).uniform(-0.05, 0.0, 3000)
+    rng = np.random.default_rng(6)
+    direction[:, 2] = rng.uniform(-0.1, 0.0, 3000)
+    start[:, 2] = ground.heights_m.max() + rng.uniform(0.0, 0.01, 3000).astype(np.float32)
     assert_same_ranges(terrain_of(world_of(ground)), surface_mesh(ground), start, unit(direction))
 
 
