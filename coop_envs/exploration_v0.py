@@ -56,6 +56,7 @@ def vector_env(
     scenario: str | Path | Scenario = "arena",
     device: str = "cpu",
     num_worlds: int | None = None,
+    max_robots: int | None = None,
     fidelity: str = "poses",
     physics: str = "fast",
     split: Split = "train",
@@ -66,7 +67,8 @@ def vector_env(
     from coop_envs.vector_env import ExplorationVectorEnv
 
     chosen = load_scenario(scenario, fidelity=fidelity, physics=physics, **overrides)
-    return ExplorationVectorEnv(chosen, num_envs, device=device, num_worlds=num_worlds, split=split, seed=seed)
+    settings: dict[str, Any] = {"num_worlds": num_worlds, "max_robots": max_robots, "split": split, "seed": seed}
+    return ExplorationVectorEnv(chosen, num_envs, device=device, **settings)
 
 
 def team_env(

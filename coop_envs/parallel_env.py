@@ -11,13 +11,13 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 from pettingzoo import ParallelEnv
 
-from coop_envs.actions import ACTION_SIZE, action_space, checked_action
+from coop_envs.actions import ACTION_NAMES, ACTION_SIZE, action_space, checked_action
 from coop_envs.batch import TeamBatch
 from coop_envs.device import prepare
 from coop_envs.errors import ActionError, CoopError, require
 from coop_envs.geometry.keyed_random import team_key
 from coop_envs.metrics import episode_metrics
-from coop_envs.observations import MAP_LAYERS, WINDOW, observation_space
+from coop_envs.observations import MAP_LAYERS, WINDOW, describe, observation_space
 from coop_envs.policy import TeamDescription
 from coop_envs.recording.frame import Frame, WorldPicture
 from coop_envs.scenario import Scenario
@@ -79,6 +79,11 @@ class ExplorationParallelEnv(ParallelEnv[str, Observation, NDArray[np.float32]])
 
     def action_space(self, agent: str) -> spaces.Box:  # noqa: ARG002  every agent has the same
         return self._spaces[1]
+
+    @staticmethod
+    def describe() -> dict[str, Any]:
+        """Name, unit, scale and meaning of every entry of an observation, and the order of actions."""
+        return {"observations": describe(), "actions": list(ACTION_NAMES)}
 
     @property
     def batch(self) -> TeamBatch:

@@ -46,7 +46,8 @@ class ExplorationVectorEnv(VectorEnv[TeamObservations, NDArray[np.float32], NDAr
 
     `step` takes actions (B, N, 8) and gives observations, reward (B,), terminated and truncated (B, N). A team of which
     nobody is left is set down anew by the next step, whatever its actions; that step gives it reward 0. The entries of
-    robots that are not alive are ignored.
+    robots that are not alive are ignored. ``max_robots`` fills N up with robots that are never alive, so that one
+    policy can be trained on teams of several sizes.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}
@@ -58,6 +59,7 @@ class ExplorationVectorEnv(VectorEnv[TeamObservations, NDArray[np.float32], NDAr
         *,
         device: str = "cpu",
         num_worlds: int | None = None,
+        max_robots: int | None = None,
         split: Split = "train",
         seed: int = 0,
     ) -> None:
@@ -66,7 +68,10 @@ class ExplorationVectorEnv(VectorEnv[TeamObservations, NDArray[np.float32], NDAr
         require(split in SPLITS, "split", split, "train or heldout")
         self.scenario, self.num_envs = scenario, num_envs
         self.num_worlds = num_worlds or default_num_worlds(scenario)
-        robots = len(scenario.team.members)
+        members = len(scenario.team.members)
+        robots = max_robots or members
+        require(robots >= members, "max_robots", max_robots, f"at least the team's {members}")
+        self._members, self._fill = members, robots - members
         self.single_observation_space = team_observation_space(robots)
         self.single_action_space = spaces.Box(-1.0, 1.0, (robots, ACTION_SIZE), np.float32)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -131,7 +136,7 @@ class ExplorationVectorEnv(VectorEnv[TeamObservations, NDArray[np.float32], NDAr
         if started.any():
             self._place(started)
             actions = self._hold_where(started, actions)
-        self.batch.actions.assign(actions)
+        self.batch.actions.assign(actions[:, : self._members])
         self.batch.step()
         score = self.batch.score
         reward, terms = score.reward.numpy().copy(), score.terms.numpy().copy()
@@ -142,7 +147,14 @@ class ExplorationVectorEnv(VectorEnv[TeamObservations, NDArray[np.float32], NDAr
         info: dict[str, Any] = {"reward_terms": terms, "started": started}
         if ended.any():
             info["final_obs"], info["_final_obs"] = observations, ended.copy()
-        return observations, reward, score.terminated.numpy() == 1, score.truncated.numpy() == 1, info
+        terminated, truncated = (self._filled(ends.numpy() == 1) for ends in (score.terminated, score.truncated))
+        return observations, reward, terminated, truncated, info
+
+    def _filled(self, array: NDArray[Any]) -> NDArray[Any]:
+        """A copy with its axis of robots filled up with zeros."""
+        if self._fill == 0:
+            return array.copy()
+        return np.pad(array, [(0, 0), (0, self._fill)] + [(0, 0)] * (array.ndim - 2))
 
     @property
     def reward_terms(self) -> tuple[str, ...]:
@@ -151,16 +163,20 @@ class ExplorationVectorEnv(VectorEnv[TeamObservations, NDArray[np.float32], NDAr
 
     def _observe(self) -> TeamObservations:
         out, (b, n) = self.batch.observations, self.batch.score.alive.shape
-        return {
-            "self": out.own.numpy().copy(),
-            "mates": out.mates.numpy().copy(),
-            "mask": out.mask.numpy().copy(),
-            "map": out.map.numpy().reshape(b, n, len(MAP_LAYERS), WINDOW, WINDOW).copy(),
+        arrays = {
+            "self": out.own.numpy(),
+            "mates": out.mates.numpy(),
+            "mask": out.mask.numpy(),
+            "map": out.map.numpy().reshape(b, n, len(MAP_LAYERS), WINDOW, WINDOW),
             "alive": self.batch.score.alive.numpy().astype(np.int8),
         }
+        return {name: self._filled(array) for name, array in arrays.items()}
 
     def torch(self) -> dict[str, Any]:
-        """The device arrays of actions, observations, rewards and ends as torch tensors that share their memory."""
+        """The device arrays of actions, observations, rewards and ends as torch tensors that share their memory.
+
+        They hold the team's own robots, without those that ``max_robots`` adds.
+        """
         out, score = self.batch.observations, self.batch.score
         b, n = score.alive.shape
         arrays = {"actions": self.batch.actions, "self": out.own, "mates": out.mates, "mask": out.mask}
