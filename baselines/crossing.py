@@ -1,7 +1,8 @@
 """The observer's drive along a safe path while all others hold still as landmarks.
 
 It drives slowly, slower as its own position grows uncertain; beyond ``LOOK_SIGMA_M`` it stops and turns to a standing
-landmark until its belief is sharp again; beyond ``STOP_SIGMA_M`` it does not drive at all.
+landmark until its belief is sharp again; beyond ``STOP_SIGMA_M`` it waits for help, for a while, and beyond ``LOST_SIGMA_M`` it
+does not drive at all.
 
 Source: thesis 2.2.5 (navigation with the observer); chapter 5 (the inchworm rule).
 """
@@ -17,19 +18,19 @@ from numpy.typing import NDArray
 from baselines.atlas import Atlas, Point, Survey
 from baselines.driving import STILL, Drive, PathFollower, StallWatch, drive_to, turn_to
 from baselines.prospect import Prospect, find_prospect
-from baselines.team_view import Landmark, TeamView
-from coop_envs.mapping.planning import Disc, Footprint, SafeRoutes
+from baselines.team_view import Landmark, RobotView, TeamView
+from coop_envs.mapping.planning import Clearance, Disc, Footprint, SafeRoutes
 from coop_envs.policy import TeamDescription
 
 SPEED_M_S, TURN_RAD_S = 0.10, 0.6
 LOOKAHEAD_M = 0.03
-CALM_SIGMA_M, LOOK_SIGMA_M, STOP_SIGMA_M = 0.004, 0.009, 0.015
+CALM_SIGMA_M, LOOK_SIGMA_M, STOP_SIGMA_M, LOST_SIGMA_M = 0.004, 0.009, 0.015, 0.025
 LOOK_AGAIN_M = 0.08  # way driven between two looks back
-LOOK_S, WAIT_S = 2.0, 3.0
+LOOK_S, WAIT_S, UNSURE_S = 2.0, 3.0, 6.0
 STRAYED_M = 0.03  # off the path by more, the observer stops and plans anew
 CHECK_EVERY = 5  # decisions between two looks at whether the way ahead still is safe
 NEAR_SAMPLES, TOLERANCE_M = 5, 0.005  # of the way ahead: what is under the robot already, and rounding of cells
-GAP_M = 0.01  # between two bodies
+GAP_M = 0.03  # between two bodies
 
 
 class ObserverPlanner:
@@ -52,6 +53,12 @@ class ObserverPlanner:
         survey = self._trusting(atlas)
         scouts = [scout.xy for scout in view.scouts] if among_scouts else []
         return SafeRoutes(survey.grid, view.leader.xy, self.footprint, self._bodies(survey, scouts))
+
+    def clearance(self, view: TeamView, atlas: Atlas) -> Clearance:
+        """Clearance of the observer as things are now, a little more lenient with other robots than routes are."""
+        survey = self._trusting(atlas)
+        bodies = self._bodies(survey, [scout.xy for scout in view.scouts])
+        return Clearance(survey.grid, self.footprint, tuple((x, y, radius - GAP_M) for x, y, radius in bodies))
 
     def prospect(self, view: TeamView, atlas: Atlas) -> Prospect | None:
         """What the way to the goal still needs; None without a goal, or if nothing is left to hope for."""
@@ -81,8 +88,8 @@ class Crossing:
         self._turn_rad_s = min(TURN_RAD_S, team.members[0].cruise_yaw_rate_rad_s)
         self._follower = PathFollower(path_m, LOOKAHEAD_M)
         self._stall = StallWatch(self._speed_m_s, self._turn_rad_s, team.decision_s)
-        self._look = LookBack(team.decision_s, self._turn_rad_s)
-        self._decisions = 0
+        self._look = LookBack(team, self._turn_rad_s)
+        self._decisions = self._unsure = 0
         self._started = False
 
     def drive(self, view: TeamView, atlas: Atlas) -> Drive:
@@ -103,10 +110,16 @@ class Crossing:
         target = self._follower.target(leader.xy)
         self.arrived = len(self._follower.remaining) <= 2
         self.blocked = not self.arrived and (self._stall.stalled(leader) or not self._still_safe(view, atlas))
-        if self.arrived or self.blocked or leader.sigma_m > STOP_SIGMA_M:
+        if self.arrived or self.blocked or not self._dares(leader):
             return STILL
         doubt = (leader.sigma_m - CALM_SIGMA_M) / (STOP_SIGMA_M - CALM_SIGMA_M)
         return drive_to(leader, target, self._speed_m_s * min(1.0, max(0.3, 1.0 - doubt)), self._turn_rad_s)
+
+    def _dares(self, leader: RobotView) -> bool:
+        """Whether the robot is sure enough of where it is, or has waited in vain to become so and is not quite lost."""
+        self._unsure = 0 if leader.sigma_m <= STOP_SIGMA_M else self._unsure + 1
+        waited = self._unsure * self._decision_s > UNSURE_S
+        return self._unsure == 0 or (waited and leader.sigma_m < LOST_SIGMA_M)
 
     def _still_safe(self, view: TeamView, atlas: Atlas) -> bool:
         """Whether the robot is on its way and, looked at every few decisions, the way ahead still is safe."""
@@ -115,22 +128,23 @@ class Crossing:
             return False
         if self._decisions % CHECK_EVERY:
             return True
-        clearance = self._planner.routes(view, atlas, among_scouts=True).clearance
+        clearance = self._planner.clearance(view, atlas)
         return len(ahead) <= NEAR_SAMPLES or float(clearance(ahead[NEAR_SAMPLES:]).min()) > -TOLERANCE_M
 
 
 class LookBack:
     """Turning aside to a standing landmark when the observer has grown unsure of where it is."""
 
-    def __init__(self, decision_s: float, turn_rad_s: float) -> None:
-        self._patience = round(LOOK_S / decision_s)
+    def __init__(self, team: TeamDescription, turn_rad_s: float) -> None:
+        self._patience = round(LOOK_S / team.decision_s)
+        self._collects_lost = team.collects_lost
         self._turn_rad_s = turn_rad_s
         self._left = self._looks = 0
         self._last: tuple[float, float] | None = None
 
     def drive(self, view: TeamView) -> Drive | None:
         """The drive that looks, or None when there is no need or nothing to look at."""
-        marks = sorted((m for m in view.landmarks if m.stationary and not m.docked), key=_distance_from(view))
+        marks = sorted((mark for mark in view.landmarks if self._helps(mark)), key=_distance_from(view))
         if not self._left and self._needed(view, marks):
             self._left, self._last = self._patience, view.leader.xy
             self._looks += 1
@@ -143,6 +157,10 @@ class LookBack:
             self._left -= 1
             return STILL
         return turn_to(bearing, self._turn_rad_s)
+
+    def _helps(self, mark: Landmark) -> bool:
+        gone = mark.docked or (mark.lost and self._collects_lost)
+        return mark.stationary and not gone and mark.sigma_m < LOOK_SIGMA_M
 
     def _needed(self, view: TeamView, marks: list[Landmark]) -> bool:
         if view.leader.sigma_m < LOOK_SIGMA_M or any(mark.in_view for mark in marks):

@@ -22,17 +22,18 @@ from baselines.ground_view import GroundView
 from baselines.posting import choose_posts
 from baselines.prospect import Prospect, scouting_way
 from baselines.team_view import TeamView, read_team, wrapped
-from baselines.vantage import best_heading, best_stand, worth_exploring
+from baselines.vantage import RANGE_M, best_heading, best_stand, worth_exploring
 from coop_envs.mapping.planning import PROVEN, Footprint, SafeRoutes
 from coop_envs.policy import Actions, Observations, TeamDescription
 
-EXPLORE_SHARE = 0.8  # of the time limit, if there is a goal; a crossing takes the rest
+EXPLORE_SHARE = 0.9  # of the time limit, if there is a goal; a crossing takes the rest
 PLAN_EVERY_S = 2.0
 GOAL_NEAR_M = 0.06
 IDLE_S, IDLE_AREA_M2 = 24.0, 0.015  # pickets that prove less in this time have finished here
-PATIENCE = 3  # idle times to wait with the goal in view
+SEARCH_EVERY = 4  # plans between two searches for a path that the prospect does not promise
 POST_S, POST_NEAR_M = 20.0, 0.04
 SETTLE_S, TURN_S, FACING_RAD, TURN_RAD_S = 3.0, 12.0, 0.05, 0.6
+FACED, SIGHT_S = 0.8, 1.0
 CROSS_S = 180.0
 
 Drives = dict[str, Drive]
@@ -85,12 +86,14 @@ class Expedition:
         return {name: action(drives.get(name, STILL), self._members[name]) for name in observations}
 
     def _whole_course(self) -> Iterator[Drives]:
-        yield from self._face_goal()
+        if self._view.goal is not None:
+            yield from self._face(self._view.goal)
         while self._may_explore():
             yield from self._scout()
-            if (yield from self._reach_goal()):
+            if self._goal_path(among_scouts=False) is None:
+                yield from self._advance()
+            elif (yield from self._reach_goal()):
                 break
-            yield from self._advance()
         while True:
             yield HOLD
 
@@ -108,19 +111,30 @@ class Expedition:
     def _scout(self) -> Iterator[Drives]:
         """Let pickets explore until a path to the goal is known, nothing new is proven, or time is up."""
         proven: list[int] = []
-        idle_plans = round(IDLE_S / PLAN_EVERY_S) * (PATIENCE if self._goal_in_view() else 1)
+        idle_plans = round(IDLE_S / PLAN_EVERY_S)
         while self._may_explore():
             self._prospect = self._planner.prospect(self._view, self.atlas)
             for _ in self._decisions(PLAN_EVERY_S):
                 yield self._scouting.command(self._view, self.atlas, self._prospect)
             proven.append(int(np.count_nonzero(self.atlas.grid.ground >= PROVEN)))
             fresh = proven[-1] - proven[-1 - idle_plans] if len(proven) > idle_plans else np.inf
-            if fresh * self._team.cell_m**2 < IDLE_AREA_M2 or self._goal_path(among_scouts=False) is not None:
+            idle = fresh * self._team.cell_m**2 < IDLE_AREA_M2 and not self._needs_what_it_sees()
+            if idle or self._may_cross(len(proven)):
                 return
 
-    def _goal_in_view(self) -> bool:
-        leader, goal = self._view.leader, self._view.goal
-        return goal is not None and abs(leader.bearing_to(goal)) < self._half_view_rad
+    def _needs_what_it_sees(self) -> bool:
+        """Whether ground that the observer needs lies in its view."""
+        if self._prospect is None:
+            return False
+        offset = self._prospect.needed - self._view.leader.xy
+        bearing = np.arctan2(offset[:, 1], offset[:, 0]) - self._view.leader.yaw
+        in_view = np.cos(bearing) > math.cos(self._half_view_rad)
+        return bool(np.any(in_view & (np.hypot(offset[:, 0], offset[:, 1]) < RANGE_M)))
+
+    def _may_cross(self, plans: int) -> bool:
+        """Whether a path to the goal is known; looked for when it seems likely, else only now and then."""
+        likely = self._prospect is not None and not len(self._prospect.needed)
+        return (likely or plans % SEARCH_EVERY == 0) and self._goal_path(among_scouts=False) is not None
 
     # Crossing
 
@@ -138,10 +152,9 @@ class Expedition:
     def _reach_goal(self) -> Generator[Drives, None, bool]:
         """Post the pickets and cross; whether the goal was reached."""
         path = self._goal_path(among_scouts=False)
-        if path is None:
-            return False
-        yield from self._post(path)
-        path = self._goal_path(among_scouts=True)
+        if path is not None:
+            yield from self._post(path)
+            path = self._goal_path(among_scouts=True)
         return path is not None and (yield from self._drive_observer(path))
 
     def _post(self, path: NDArray[np.float64]) -> Iterator[Drives]:
@@ -149,7 +162,19 @@ class Expedition:
         routes = {s.name: SafeRoutes(self.atlas.grid, s.xy, self._footprints[s.name]) for s in self._view.scouts}
         follower = PathFollower(path, 0.05)
         posts = choose_posts(routes, self._view.scouts, follower.points[::5], self._half_view_rad, 0.17)
-        yield from self._send(posts)
+        if posts:
+            yield from self._face(np.mean(list(posts.values()), axis=0))
+            yield from self._send(posts)
+            yield from self._sight()
+
+    def _sight(self) -> Iterator[Drives]:
+        """Look at the pickets that the observer does not see, so that it knows well where its landmarks are."""
+        for name in [scout.name for scout in self._view.scouts if not scout.in_view]:
+            place = [scout.xy for scout in self._view.scouts if scout.name == name]
+            if place:
+                yield from self._face(place[0])
+                for _ in self._decisions(SIGHT_S):
+                    yield HOLD
 
     def _send(self, posts: dict[str, Point]) -> Iterator[Drives]:
         """Drive pickets to places, over proven ground where there is any, until all are there or time is up."""
@@ -178,9 +203,11 @@ class Expedition:
 
     # Moving on
 
-    def _face_goal(self) -> Iterator[Drives]:
-        if self._view.goal is not None and not self._goal_in_view():
-            yield from self._turn(self._view.leader.yaw + self._view.leader.bearing_to(self._view.goal))
+    def _face(self, point: Point | NDArray[np.float64]) -> Iterator[Drives]:
+        """Turn the observer until a point is well within its view."""
+        bearing = self._view.leader.bearing_to((float(point[0]), float(point[1])))
+        if abs(bearing) > FACED * self._half_view_rad:
+            yield from self._turn(self._view.leader.yaw + bearing)
 
     def _advance(self) -> Iterator[Drives]:
         """Turn to where more unknown ground is in view, or go where there would be more."""

@@ -25,13 +25,13 @@ from baselines.expedition import Expedition
 from baselines.ground_view import GroundView
 from baselines.prospect import Prospect, scouting_way, suspicion
 from baselines.team_view import RobotView, TeamView
+from baselines.vantage import RANGE_M
 from coop_envs.mapping.planning import BLOCKED, HAZARD, PROVEN, Footprint
 from coop_envs.policy import Actions, Observations, TeamDescription, TeamNeeds
 
 ROWS, COLUMNS = 12, 16
 NEAR_ENOUGH_M = 0.05  # epsilon of algorithm 2.1
 TRIES = 2  # T of algorithm 2.1
-RANGE_M = 1.2
 EDGE_PX = 24.0
 HAZARD_SHARE, PROVEN_SHARE = 0.02, 0.1
 EXACTLY_M, INWARD_M = 0.015, 0.02

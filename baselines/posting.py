@@ -29,16 +29,13 @@ def choose_posts(
     """
     posts: dict[str, tuple[float, float]] = {}
     for scout in scouts:
-        grid, cost_m = routes[scout.name].grid, routes[scout.name].cost_m
-        cells = np.argwhere(np.isfinite(cost_m))
-        places = grid.centre_of(cells)
+        places, cost_m = routes[scout.name].reachable()
         free = _distances(places, path_m).min(axis=1, initial=np.inf) >= clear_m
         if posts:
             free &= _distances(places, np.array(list(posts.values()))).min(axis=1) >= APART_M
-        cells, places = cells[free], places[free]
-        if len(cells):
-            worth = share_in_view(grid, places, path_m, half_view_rad) - TRAVEL_PRICE_1_M * cost_m[tuple(cells.T)]
-            x, y = places[int(np.argmax(worth))].tolist()
+        if free.any():
+            seen = share_in_view(routes[scout.name].grid, places[free], path_m, half_view_rad)
+            x, y = places[free][int(np.argmax(seen - TRAVEL_PRICE_1_M * cost_m[free]))].tolist()
             posts[scout.name] = (x, y)
     return posts
 

@@ -8,13 +8,23 @@ than a robot's touch.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from baselines.atlas import Point, Survey
-from coop_envs.mapping.planning import BLOCKED, PROVEN, Disc, Footprint, Mask, Points, minimum_cost_search
+from coop_envs.mapping.planning import (
+    BLOCKED,
+    PROVEN,
+    Disc,
+    Footprint,
+    Mask,
+    Points,
+    at_nodes,
+    minimum_cost_search,
+    node_clearance,
+)
 
 UNPROVEN_PRICE, OFF_WAY = 2.0, 3.0
 SUSPECT_M, SUSPECT_DOUBLINGS = 0.30, 3.0
@@ -34,22 +44,20 @@ def find_prospect(
     survey: Survey, start: Point, goal: Point, footprint: Footprint, keep_out: tuple[Disc, ...]
 ) -> Prospect | None:
     """The observer's prospect, or None if known hazards and obstacles leave none. Start and goal lie in the grid."""
-    grid, reach_m = survey.grid, footprint.reach_m(survey.grid.cell_m)
-    price = _price_under(_ground_price(survey), reach_m, grid.cell_m)
-    price[_near(grid.ground <= HOPELESS, reach_m, grid.cell_m)] = -1.0
-    price[_near(grid.obstacle >= BLOCKED, footprint.body_radius_m + 0.5 * grid.cell_m, grid.cell_m)] = -1.0
-    for place in keep_out:
-        price[grid.within(place)] = -1.0
-    first, last = (_cell(survey, p) for p in (start, goal))
+    grid = survey.grid
+    price = _price_under(_ground_price(survey), footprint, grid.cell_m)
+    hoped = replace(grid, ground=np.where(grid.ground <= HOPELESS, np.uint8(0), np.uint8(255)))
+    price[node_clearance(hoped, footprint, keep_out) <= 0.0] = -1.0
+    first, last = (_node(survey, p) for p in (start, goal))
     price[first], price[last] = 1.0, max(price[last], 1.0)
-    search = minimum_cost_search(price, diagonal=reach_m >= grid.cell_m)
+    search = minimum_cost_search(price)
     if not np.isfinite(search.find_costs([first], [last])[0][last]):
         return None
-    cells = np.array(search.traceback(last))
-    way = np.zeros(grid.ground.shape, dtype=bool)
-    way[tuple(cells.T)] = True
-    touched = _near(way, reach_m, grid.cell_m)
-    return Prospect(grid.centre_of(cells), grid.centres(touched & (grid.ground < PROVEN)))
+    nodes = np.array(search.traceback(last))
+    way = np.zeros(price.shape, dtype=bool)
+    way[tuple(nodes.T)] = True
+    touched = _touched(way, footprint, grid.cell_m)[1::2, 1::2]
+    return Prospect(_place(survey, nodes), grid.centres(touched & (grid.ground < PROVEN)))
 
 
 def scouting_way(survey: Survey, start: Point, end: Point, footprint: Footprint, prospect: Prospect | None) -> Points:
@@ -60,15 +68,15 @@ def scouting_way(survey: Survey, start: Point, end: Point, footprint: Footprint,
     grid = survey.grid
     price = _ground_price(survey)
     if prospect is not None:
-        way = _mask_of(survey, prospect.way)
-        price = np.where(way | (price <= 1.0), price, OFF_WAY * price)
-    price[grid.ground <= HOPELESS] = FORBIDDEN_PRICE
-    price = _price_under(price, footprint.reach_m(grid.cell_m), grid.cell_m)
-    price[_near(grid.obstacle >= BLOCKED, footprint.body_radius_m, grid.cell_m)] = FORBIDDEN_PRICE
-    first, last = (_cell(survey, p) for p in (start, end))
-    search = minimum_cost_search(price, diagonal=True)
+        price = np.where(_mask_of(survey, prospect.way) | (price <= 1.0), price, OFF_WAY * price)
+    price = _price_under(price, footprint, grid.cell_m)
+    price[_touched(at_nodes(grid.ground <= HOPELESS), footprint, grid.cell_m)] = FORBIDDEN_PRICE
+    body = replace(footprint, contact_radius_m=footprint.body_radius_m, margin_m=0.0)
+    price[_touched(at_nodes(grid.obstacle >= BLOCKED), body, grid.cell_m)] = FORBIDDEN_PRICE
+    first, last = (_node(survey, p) for p in (start, end))
+    search = minimum_cost_search(price)
     search.find_costs([first], [last])
-    middle = grid.centre_of(np.array(search.traceback(last))[1:-1].reshape(-1, 2))
+    middle = _place(survey, np.array(search.traceback(last))[1:-1].reshape(-1, 2))
     return np.vstack([np.asarray(start)[None], middle, np.asarray(end)[None]])
 
 
@@ -88,36 +96,41 @@ def suspicion(points: Points, losses: tuple[Point, ...]) -> NDArray[np.float64]:
     return np.exp2(SUSPECT_DOUBLINGS * (1.0 - nearest / SUSPECT_M))
 
 
-def _price_under(price: NDArray[np.float64], reach_m: float, cell_m: float) -> NDArray[np.float64]:
-    """Mean price under a robot whose disc touches cells within reach."""
+def _price_under(price: NDArray[np.float64], footprint: Footprint, cell_m: float) -> NDArray[np.float64]:
+    """Mean price at each node of the cells within a robot's reach there."""
     from scipy.ndimage import correlate
 
-    disc = _disc(reach_m, cell_m)
-    return correlate(price, disc / disc.sum(), mode="nearest")
+    disc = _disc(footprint.reach_m(cell_m), 0.5 * cell_m).astype(float)
+    total, count = (correlate(at_nodes(cells), disc, mode="constant") for cells in (price, np.ones_like(price)))
+    return total / np.maximum(count, 1.0)
 
 
-def _near(mask: Mask, distance_m: float, cell_m: float) -> Mask:
-    """Cells whose centre lies within a distance of the centre of a cell of the mask."""
+def _touched(nodes: Mask, footprint: Footprint, cell_m: float) -> Mask:
+    """Nodes within a robot's reach of the nodes of the mask."""
     from scipy.ndimage import binary_dilation
 
-    return binary_dilation(mask, _disc(distance_m, cell_m)) if mask.any() else mask
+    return binary_dilation(nodes, _disc(footprint.reach_m(cell_m), 0.5 * cell_m)) if nodes.any() else nodes
 
 
-def _disc(radius_m: float, cell_m: float) -> Mask:
-    n = int(radius_m / cell_m)
-    i = np.arange(-n, n + 1) * cell_m
+def _disc(radius_m: float, step_m: float) -> Mask:
+    n = int(radius_m / step_m)
+    i = np.arange(-n, n + 1) * step_m
     return i[:, None] ** 2 + i[None] ** 2 <= radius_m**2
 
 
-def _cell(survey: Survey, point: Point) -> tuple[int, int]:
-    i, j = survey.grid.cell_of(point).tolist()
-    return i, j
+def _node(survey: Survey, point: Point) -> tuple[int, int]:
+    a, b = np.rint((np.asarray(point) - survey.grid.origin_m) / (0.5 * survey.grid.cell_m)).astype(int).tolist()
+    return a, b
+
+
+def _place(survey: Survey, nodes: NDArray[np.intp]) -> Points:
+    return np.asarray(survey.grid.origin_m) + 0.5 * survey.grid.cell_m * nodes
 
 
 def _mask_of(survey: Survey, points: Points) -> Mask:
     """The cells that hold these points; points outside the grid are left out."""
     mask = np.zeros(survey.grid.ground.shape, dtype=bool)
-    cells = survey.grid.cell_of(points.reshape(-1, 2))
+    cells = survey.grid.cell_of(points)
     inside = np.all((cells >= 0) & (cells < mask.shape), axis=1)
     mask[tuple(cells[inside].T)] = True
     return mask

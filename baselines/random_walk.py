@@ -6,20 +6,22 @@ Source: thesis 2.2.3.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
-
+import math
 import numpy as np
 
-from baselines.driving import Drive
+from baselines.driving import Drive, ScoutDriver
 from baselines.expedition import Expedition
 from baselines.atlas import Atlas
 from baselines.prospect import Prospect
-from baselines.team_view import TeamView
+from baselines.team_view import RobotView, TeamView
 from coop_envs.agents.team import Member
+from coop_envs.mapping.planning import HAZARD
 from coop_envs.policy import Actions, Observations, TeamDescription, TeamNeeds
 
 PHASES = ("right", "forward", "left", "backward")
-MIN_PHASE_S, MAX_PHASE_S = 0.4, 3.0
+MIN_PHASE_S, MAX_PHASE_S = 0.4, 2.0
+OUT_OF_VIEW_S, HOME_M = 1.0, 0.45
+LOOK_AHEAD_M = 0.08
 
 
 class RandomWalk:
@@ -36,26 +38,61 @@ class RandomWalk:
 
 
 class WalkScouting:
-    """Four phases for each picket, each for a uniformly random time; what the robots meet changes nothing."""
+    """Four phases for each picket, each for a uniformly random time.
+
+    Beyond the thesis: (1) a picket that has been out of view for ``OUT_OF_VIEW_S`` drives back to before the observer
+    (the thesis's pickets stay in view by assumption); (2) a phase ends before ground that the map calls hazardous, so
+    that pickets are not lost at the same place again.
+    """
 
     def __init__(self, team: TeamDescription, seed: int) -> None:
-        rngs = np.random.default_rng([seed, 1]).spawn(len(team.names))
-        self._walks = {
-            name: walk(member, team.decision_s, rng)
-            for name, member, rng in zip(team.names, team.members, rngs, strict=True)
-        }
+        rngs = np.random.default_rng([seed, 1]).spawn(2 * len(team.names))
+        members = dict(zip(team.names, team.members, strict=True))
+        self._decision_s = team.decision_s
+        self._walks = {n: Walk(m, team.decision_s, rng) for (n, m), rng in zip(members.items(), rngs[::2], strict=True)}
+        self._home = {n: ScoutDriver(m, team.decision_s, r) for (n, m), r in zip(members.items(), rngs[1::2], strict=True)}
+        self._unseen_s = dict.fromkeys(team.names, 0.0)
 
     def command(self, view: TeamView, atlas: Atlas, prospect: Prospect | None) -> dict[str, Drive]:
         """One drive for each scout."""
-        return {scout.name: next(self._walks[scout.name]) for scout in view.scouts}
+        return {scout.name: self._drive(scout, view.leader, atlas) for scout in view.scouts}
 
     def move_on(self) -> None:
         """A random walk keeps nothing of where it has been."""
 
+    def _drive(self, scout: RobotView, leader: RobotView, atlas: Atlas) -> Drive:
+        self._unseen_s[scout.name] = 0.0 if scout.in_view else self._unseen_s[scout.name] + self._decision_s
+        if self._unseen_s[scout.name] >= OUT_OF_VIEW_S:
+            home = (leader.x + HOME_M * math.cos(leader.yaw), leader.y + HOME_M * math.sin(leader.yaw))
+            return self._home[scout.name].go(scout, home)
+        walk = self._walks[scout.name]
+        drive = walk.step()
+        if drive.forward_m_s and self._hazard_ahead(scout, math.copysign(LOOK_AHEAD_M, drive.forward_m_s), atlas):
+            drive = walk.next_phase()
+        return drive
 
-def walk(member: Member, decision_s: float, rng: np.random.Generator) -> Iterator[Drive]:
-    """The endless sequence of one picket's drives, one a decision."""
-    speed, turn = member.cruise_speed_m_s, member.cruise_yaw_rate_rad_s
-    drives = (Drive(0.0, -turn), Drive(speed, 0.0), Drive(0.0, turn), Drive(-speed, 0.0))
-    for drive in itertools.cycle(drives):
-        yield from itertools.repeat(drive, max(1, round(rng.uniform(MIN_PHASE_S, MAX_PHASE_S) / decision_s)))
+    def _hazard_ahead(self, scout: RobotView, way_m: float, atlas: Atlas) -> bool:
+        ahead = (scout.x + way_m * math.cos(scout.yaw), scout.y + way_m * math.sin(scout.yaw))
+        return bool(atlas.at(np.array([ahead]))[0, 0] <= HAZARD)
+
+
+class Walk:
+    """The endless sequence of one picket's drives."""
+
+    def __init__(self, member: Member, decision_s: float, rng: np.random.Generator) -> None:
+        speed, turn = member.cruise_speed_m_s, member.cruise_yaw_rate_rad_s
+        self._phases = itertools.cycle((Drive(0.0, -turn), Drive(speed, 0.0), Drive(0.0, turn), Drive(-speed, 0.0)))
+        self._decision_s, self._rng, self._left = decision_s, rng, 0
+
+    def step(self) -> Drive:
+        """The drive of the next decision."""
+        if self._left == 0:
+            return self.next_phase()
+        self._left -= 1
+        return self._drive
+
+    def next_phase(self) -> Drive:
+        """End the phase; the first drive of the next one."""
+        self._drive = next(self._phases)
+        self._left = max(1, round(self._rng.uniform(MIN_PHASE_S, MAX_PHASE_S) / self._decision_s)) - 1
+        return self._drive

@@ -10,9 +10,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from coop_envs.mapping.planning import BLOCKED, HAZARD, PROVEN, BeliefGrid, Cell, Points, SafeRoutes
+from coop_envs.mapping.planning import BLOCKED, HAZARD, PROVEN, BeliefGrid, Node, Points, SafeRoutes
 
-RANGE_M = 1.0
+RANGE_M = 1.2
 HEADINGS = np.linspace(-math.pi, math.pi, 24, endpoint=False)
 APART_M = 0.2
 TRIED_SHARE = 0.15
@@ -45,20 +45,18 @@ def best_heading(
 
 def best_stand(
     routes: SafeRoutes, worth: NDArray[np.float64], stands: list[tuple[float, float]]
-) -> tuple[Cell | None, float]:
-    """The reachable cell with the most worth round it for the way there, and that worth; away from earlier stands."""
+) -> tuple[Node | None, float]:
+    """The reachable node with the most worth round it for the way there, and that worth; away from earlier stands."""
     from scipy.ndimage import uniform_filter
 
     grid = routes.grid
     width = max(1, round(RANGE_M / grid.cell_m))
     around = uniform_filter(worth, size=width, mode="constant") * width**2
-    around = np.where(np.isfinite(routes.cost_m), around - TRAVEL_PRICE_1_M * routes.cost_m, -np.inf)
+    gain = np.where(np.isfinite(cost_m := routes.cost_m[1::2, 1::2]), around - TRAVEL_PRICE_1_M * cost_m, -np.inf)
     for x, y in stands:
-        around[grid.within((x, y, APART_M))] = -np.inf
-    best = np.unravel_index(int(np.argmax(around)), around.shape)
-    if not np.isfinite(around[best]):
-        return None, 0.0
-    return (int(best[0]), int(best[1])), float(around[best])
+        gain[grid.within((x, y, APART_M))] = -np.inf
+    i, j = divmod(int(np.argmax(gain)), gain.shape[1])
+    return ((2 * i + 1, 2 * j + 1), float(gain[i, j])) if np.isfinite(gain[i, j]) else (None, 0.0)
 
 
 def _wrapped(angle: NDArray[np.float64]) -> NDArray[np.float64]:

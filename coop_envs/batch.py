@@ -1,6 +1,6 @@
 """`TeamBatch`: B teams in one environment, from actions to observations, as arrays on one device.
 
-The loop of a decision is: actions -> commands -> physics -> measurements -> belief and map -> score, observations. The
+The loop of a decision is: actions -> commands -> physics -> measurements -> belief, map, observations -> score. The
 batch of one is the single environment.
 """
 
@@ -15,15 +15,11 @@ from numpy.typing import NDArray
 
 from coop_envs.actions import ACTION_SIZE
 from coop_envs.agents.control import control, drive_models
+from coop_envs.belief_loop import BeliefLoop, BeliefSettings
 from coop_envs.errors import ConfigError
-from coop_envs.estimation.declaring import StuckModel
-from coop_envs.estimation.estimator import Plan, TeamEstimator
-from coop_envs.estimation.joining import Prior
-from coop_envs.estimation.propagation import FilterModel
+from coop_envs.estimation.estimator import Plan
 from coop_envs.geometry.arrays import allocate, assign, to_numpy
-from coop_envs.mapping.ground_map import MapModel
 from coop_envs.mapping.information import cell_information_ubit
-from coop_envs.observations import MAP_LAYERS, MATE_SIZE, MATES, SELF_SIZE, WINDOW, Observations, ViewModel, observe
 from coop_envs.scenario import Scenario
 from coop_envs.scoring import TERMS, Score, judge, open_account, pack_truth, pickets, score_model
 from coop_envs.sensing.leds import LedModel
@@ -31,9 +27,6 @@ from coop_envs.simulation.fast import FastPhysics, Placement
 from coop_envs.simulation.step import Clock
 from coop_envs.world_pool import WorldPool
 from coop_envs.worlds.world import World
-
-PLACEMENT = Placement()
-TILT_SIGMA_RAD = 0.05
 
 
 class TeamBatch:
@@ -46,55 +39,26 @@ class TeamBatch:
     def __init__(self, scenario: Scenario, pool: WorldPool, teams: int, device: str) -> None:
         n = len(scenario.team.members)
         self.scenario, self.pool, self.teams, self.device = scenario, pool, teams, device
-        decision_s = scenario.rates.decision_s
-        self.physics = FastPhysics(
-            scenario.team, pool.worlds, _clock(scenario), _led_model(scenario, pool.worlds[0]), teams, device, PLACEMENT
-        )
-        self.map_model = _map_model(scenario, pool.map_shape)
-        stuck = StuckModel()
-        stuck.stuck_s, stuck.silent_s = scenario.estimation.stuck_s, scenario.estimation.silent_s
-        stuck.decision_s = decision_s
-        self.estimator = TeamEstimator(
-            scenario.team,
-            self.physics.measurements,
-            self.physics.command,
-            _filter_model(scenario),
-            stuck,
-            self.map_model,
-            _prior(),
-            self.physics.running,
-            teams,
-            device,
-        )
-        self.state, self.belief, self.map = self.physics.state, self.estimator.belief, self.estimator.map
+        leds = _led_model(scenario, pool.worlds[0])
+        self.physics = FastPhysics(scenario.team, pool.worlds, _clock(scenario), leds, teams, device, Placement())
+        self.state, self.running = self.physics.state, self.physics.running
         self.measurements, self.command = self.physics.measurements, self.physics.command
-        self.running = self.physics.running
+        settings = belief_settings(scenario, pool.map_shape)
+        self.loop = BeliefLoop(settings, self.measurements, self.command, self.running, device)
+        self.belief, self.map, self.map_model = self.loop.belief, self.loop.map, self.loop.map_model
+        self.observations = self.loop.observations
         self.actions = wp.zeros((teams, n, ACTION_SIZE), dtype=float, device=device)
-        self.observations: Observations = allocate(
-            Observations,
-            (teams, n),
-            device,
-            own=(teams, n, SELF_SIZE),
-            mates=(teams, n, MATES, MATE_SIZE),
-            mask=(teams, n, MATES),
-            map=(teams, n, len(MAP_LAYERS), WINDOW * WINDOW),
-        )
         self.score: Score = allocate(Score, (teams, n), device, terms=(teams, len(TERMS)))
         self.truth = pack_truth(pool.worlds, pool.truth, device)
-        view = ViewModel()
-        view.stride, view.time_limit, view.decision = scenario.map.ego_stride, scenario.task.time_limit_s, decision_s
-        view.stuck = scenario.estimation.stuck_s
         kinds = pickets(scenario.team, device)
         table = wp.array(cell_information_ubit(), dtype=int, device=device)
         self._accounts = [self.state, self.map, self.truth, self.map_model, self.score]
         drives = drive_models(scenario.team, scenario.task.collect_lost, device)
         called = [self.actions, self.belief.declared, self.belief.undock, drives, self.command]
-        scored = [self.state, self.belief, self.map, self.truth, self.map_model]
-        scored += [score_model(scenario.reward, scenario.task, decision_s), self.score, kinds, table, self.running]
-        seen = [self.belief, self.map, self.map_model, view, self.estimator.members, self.measurements.gyro]
+        weights = score_model(scenario.reward, scenario.task, scenario.rates.decision_s)
+        scored = [self.state, self.belief, self.map, self.truth, self.map_model, weights, self.score]
         self._control = self._record(control, (teams, n), called)
-        self._judge = self._record(judge, teams, scored)
-        self._observe = self._record(observe, (teams, n), [*seen, self.observations])
+        self._judge = self._record(judge, teams, [*scored, kinds, table, self.running])
 
     def _record(self, kernel: wp.Kernel, dim: int | tuple[int, int], inputs: list[object]) -> wp.Launch:
         return wp.launch(kernel, dim, inputs=inputs, device=self.device, record_cmd=True)
@@ -107,7 +71,7 @@ class TeamBatch:
         self.physics.reset(chosen, keys, worlds)
         pool = self.pool
         corner = pool.corner[worlds]
-        self.estimator.reset(chosen, Plan(pool.starts[worlds], pool.docks[worlds], pool.goals[worlds], corner))
+        self.loop.reset(chosen, Plan(pool.starts[worlds], pool.docks[worlds], pool.goals[worlds], corner))
         mask = wp.array(chosen, dtype=int, device=self.device)
         wp.launch(open_account, self.teams, inputs=[*self._accounts, mask], device=self.device)
 
@@ -134,6 +98,7 @@ class TeamBatch:
             "state": self.state,
             "belief": self.belief,
             "map": self.map,
+            "plans": self.loop.plans,
             "score": self.score,
             "measurements": self.measurements,
             "command": self.command,
@@ -144,9 +109,20 @@ class TeamBatch:
         """Carry out ``actions`` for one decision in every running team."""
         self._control.launch()
         self.physics.step()
-        self.estimator.step()
+        self.loop.step()
         self._judge.launch()
-        self._observe.launch()
+
+
+def belief_settings(scenario: Scenario, map_shape: tuple[int, int]) -> BeliefSettings:
+    """What of a scenario a robot's host knows."""
+    return BeliefSettings(
+        team=scenario.team,
+        rates=scenario.rates,
+        estimation=scenario.estimation,
+        map=scenario.map,
+        time_limit_s=scenario.task.time_limit_s,
+        map_shape=map_shape,
+    )
 
 
 def _clock(scenario: Scenario) -> Clock:
@@ -164,26 +140,3 @@ def _led_model(scenario: Scenario, world: World) -> LedModel:
     model.detection_signal, model.min_leds = sensing.detection_signal, sensing.min_leds
     model.dropout, model.outlier = sensing.dropout, sensing.outlier
     return model
-
-
-def _filter_model(scenario: Scenario) -> FilterModel:
-    settings = scenario.estimation
-    model = FilterModel()
-    model.tick_s, model.decision_s = scenario.rates.tick_s, scenario.rates.decision_s
-    model.rest_s, model.odometry_scale = settings.rest_s, settings.odometry_noise_scale
-    model.slip_position, model.slip_heading = settings.slip_position_m_rts, settings.slip_heading_rad_rts
-    return model
-
-
-def _map_model(scenario: Scenario, shape: tuple[int, int]) -> MapModel:
-    model = MapModel()
-    model.nx, model.ny = shape
-    model.cell, model.mark_radius = scenario.map.cell_m, scenario.estimation.hazard_mark_m
-    return model
-
-
-def _prior() -> Prior:
-    prior = Prior()
-    prior.position_sigma, prior.height_sigma = 2.0 * PLACEMENT.position_sigma_m, 0.02
-    prior.yaw_sigma, prior.tilt_sigma = 2.0 * PLACEMENT.yaw_sigma_rad, TILT_SIGMA_RAD
-    return prior

@@ -14,11 +14,14 @@ from coop_envs.scoring import MAPPED
 from coop_envs.simulation.state import Status
 from coop_envs.worlds.world import Hazard, World
 
+LEAST_PATH_M = 0.1
+
 
 def episode_metrics(batch: TeamBatch, b: int) -> dict[str, Any]:
     """Metrics of team b's episode so far: SI units, drift of the first observer, counts from truth.
 
-    ``nees`` is the mean over robots and decisions of the squared Mahalanobis distance of believed poses, 6 expected.
+    Drift is put to the path only where the observer went somewhere. ``nees`` is the mean over robots and decisions of
+    the squared Mahalanobis distance of believed poses over its six degrees of freedom: 1 expected.
     """
     team, world = batch.scenario.team, batch.pool.worlds[int(batch.state.world.numpy()[b])]
     status, declared = batch.state.status.numpy()[b], batch.belief.declared.numpy()[b]
@@ -48,8 +51,8 @@ def episode_metrics(batch: TeamBatch, b: int) -> dict[str, Any]:
         "observer_survived": not bool(np.any(lost & ~picket)),
         "position_drift_m": drift_m,
         "heading_drift_deg": float(np.degrees(heading_rad)),
-        "drift_percent_of_path": 100.0 * drift_m / path_m if path_m > 0 else 0.0,
-        "nees": float(score.nees_sum.numpy()[b]) / max(int(score.nees_count.numpy()[b]), 1),
+        "drift_percent_of_path": 100.0 * drift_m / path_m if path_m >= LEAST_PATH_M else None,
+        "nees": float(score.nees_sum.numpy()[b]) / max(int(score.nees_count.numpy()[b]), 1) / 6.0,
         "false_safe_cells": false_safe_cells(batch, b, [world.hazards[k] for k in visited]),
         "path_m": path_m,
         "simulated_s": float(batch.state.tick.numpy()[b]) * batch.scenario.rates.tick_s,

@@ -7,6 +7,7 @@ divided by the scales in `SELF_FIELDS` and `MATE_FIELDS`; ``value = entry * scal
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from coop_envs.estimation.belief import LOST, WAITING, Belief, MemberModel
 from coop_envs.estimation.declaring import position_sigma
+from coop_envs.geometry.arrays import allocate
 from coop_envs.geometry.so3 import heading
 from coop_envs.mapping.ground_map import GROUND, OBSTACLE, GroundMap, MapModel, probability
 
@@ -135,6 +137,26 @@ class Observations:
     mates: wp.array4d(dtype=float)
     mask: wp.array3d(dtype=wp.int8)
     map: wp.array4d(dtype=wp.uint8)
+
+
+def allocate_observations(teams: int, robots: int, device: str) -> Observations:
+    """Observations of nothing yet."""
+    shape = (teams, robots)
+    sizes = {"own": (*shape, SELF_SIZE), "mates": (*shape, MATES, MATE_SIZE), "mask": (*shape, MATES)}
+    return allocate(Observations, shape, device, **sizes, map=(*shape, len(MAP_LAYERS), WINDOW * WINDOW))
+
+
+def observation_arrays(out: Observations) -> dict[str, NDArray[Any]]:
+    """The arrays (B, N, ...) under the names and in the shapes that policies know; on the CPU they share memory."""
+    window = out.map.numpy()
+    window = window.reshape(*window.shape[:3], WINDOW, WINDOW)
+    return {"self": out.own.numpy(), "mates": out.mates.numpy(), "mask": out.mask.numpy(), "map": window}
+
+
+def by_agent(arrays: Mapping[str, NDArray[Any]], places: Mapping[str, int]) -> dict[str, dict[str, NDArray[Any]]]:
+    """Copies of one team's arrays (N, ...) by the names of its robots."""
+    copies = {key: array.copy() for key, array in arrays.items()}
+    return {name: {key: array[i] for key, array in copies.items()} for name, i in places.items()}
 
 
 @wp.struct
@@ -272,7 +294,7 @@ def draw_self(
     own[b, r, 19] = goal[3]
     own[b, r, 20] = goal[3] * (c * gx + s * gy) / 2.0
     own[b, r, 21] = goal[3] * (c * gy - s * gx) / 2.0
-    own[b, r, 22] = 1.0 - float(belief.clock[b]) * view.decision / view.time_limit
+    own[b, r, 22] = 1.0 - float(belief.clock[b] - 1) * view.decision / view.time_limit
     own[b, r, 23] = waiting / 8.0
     own[b, r, 24] = corner[0] / 2.0
     own[b, r, 25] = corner[1] / 2.0
@@ -323,8 +345,9 @@ def observe(
     cells = window_corner(ground, model, view.stride, b, float(p[0]), float(p[1]))
     corner = ground.corner[b] + wp.vec2(float(cells[0]), float(cells[1])) * model.cell
     rate = float(0.0)
-    for t in range(gyro.shape[2]):
-        rate = rate + (gyro[b, r, t][2] - float(belief.gyro_bias[b, r][2])) / float(gyro.shape[2])
+    if belief.declared[b, r] != WAITING:
+        for t in range(gyro.shape[2]):
+            rate = rate + (gyro[b, r, t][2] - float(belief.gyro_bias[b, r][2])) / float(gyro.shape[2])
     draw_self(belief, view, members, out, rate, b, r, corner)
     draw_window(belief, ground, model, view, members, out, b, r, cells)
     rank = float(-1.0)

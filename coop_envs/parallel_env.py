@@ -17,7 +17,7 @@ from coop_envs.device import prepare
 from coop_envs.errors import ActionError, CoopError, require
 from coop_envs.geometry.keyed_random import team_key
 from coop_envs.metrics import episode_metrics
-from coop_envs.observations import MAP_LAYERS, WINDOW, describe, observation_space
+from coop_envs.observations import by_agent, describe, observation_arrays, observation_space
 from coop_envs.policy import TeamDescription
 from coop_envs.recording.frame import Frame, WorldPicture
 from coop_envs.scenario import Scenario
@@ -141,20 +141,13 @@ class ExplorationParallelEnv(ParallelEnv[str, Observation, NDArray[np.float32]])
 
     def _link(self, batch: TeamBatch) -> None:
         """Views of the device arrays that every step reads and writes."""
-        n, out = len(self.possible_agents), batch.observations
         self._actions = batch.actions.numpy()[0]
-        self._own, self._mates, self._mask = out.own.numpy()[0], out.mates.numpy()[0], out.mask.numpy()[0]
-        self._map = out.map.numpy()[0].reshape(n, len(MAP_LAYERS), WINDOW, WINDOW)
+        self._views = {key: array[0] for key, array in observation_arrays(batch.observations).items()}
         self._terms, self._reward = batch.score.terms.numpy()[0], batch.score.reward.numpy()
         self._terminated, self._truncated = batch.score.terminated.numpy()[0], batch.score.truncated.numpy()[0]
 
     def _observe(self, agents: list[str]) -> dict[str, Observation]:
-        own, mates, mask, window = self._own.copy(), self._mates.copy(), self._mask.copy(), self._map.copy()
-        place = self._place
-        return {
-            name: {"self": own[i], "mates": mates[i], "mask": mask[i], "map": window[i]}
-            for name, i in ((name, place[name]) for name in agents)
-        }
+        return by_agent(self._views, {name: self._place[name] for name in agents})
 
     def step(
         self, actions: Mapping[str, ArrayLike]
@@ -162,9 +155,10 @@ class ExplorationParallelEnv(ParallelEnv[str, Observation, NDArray[np.float32]])
         """Let every live agent act for one decision.
 
         Raises:
+            CoopError: before the first reset.
             ActionError: an agent without action, an unknown agent, a wrong shape or a number that is not finite.
         """
-        acting = self.agents
+        acting, batch = self.agents, self.batch
         if not acting:
             return {}, {}, {}, {}, {}
         for name in actions:
@@ -174,7 +168,7 @@ class ExplorationParallelEnv(ParallelEnv[str, Observation, NDArray[np.float32]])
             if name not in actions:
                 raise ActionError(f"action[{name}]", None, f"{ACTION_SIZE} numbers: the agent is alive")
             self._actions[self._place[name]] = checked_action(name, actions[name])
-        self.batch.step()
+        batch.step()
         observations = self._observe(acting)
         reward = float(self._reward[0])
         terms = dict(zip(TERMS, self._terms.tolist(), strict=True))

@@ -36,8 +36,8 @@ class TeamDescription:
     """What the team's operator knows beforehand, never truth.
 
     ``names`` are the agents, ``members[i]`` the robot of agent ``names[i]``; ``cell_m`` is the side of one cell of the
-    observed map window; ``goal_known`` says whether the task names a goal, ``collects_lost`` whether somebody takes lost
-    robots out of the way.
+    observed map window; ``goal_known`` says whether the task names a goal, ``collects_lost`` whether somebody takes
+    lost robots out of the way.
     """
 
     names: tuple[str, ...]

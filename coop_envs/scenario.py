@@ -19,6 +19,7 @@ from pydantic import Field
 from coop_envs.agents.catalog import team_tree
 from coop_envs.agents.team import Team
 from coop_envs.errors import ConfigError, require
+from coop_envs.estimation.settings import Estimation, MapSettings, Rates
 from coop_envs.validation import STRICT, known, read_yaml, validated
 from coop_envs.worlds.arena import ArenaGeometry, RandomArenaGeometry
 from coop_envs.worlds.build import Split, build_world
@@ -58,25 +59,6 @@ class Environment:
 
 
 @dataclass(frozen=True)
-class Rates:
-    """Ticks of camera, IMU and filter; physics substeps a tick; ticks a decision."""
-
-    __pydantic_config__ = STRICT
-    tick_s: float = 1.0 / 30.0
-    substeps: int = 4
-    ticks_per_decision: int = 6
-
-    def __post_init__(self) -> None:
-        require(0 < self.tick_s <= 0.2, "rates.tick_s", self.tick_s, "above 0, at most 0.2 s")
-        require(1 <= self.substeps <= 64, "rates.substeps", self.substeps, "1 to 64")
-        require(1 <= self.ticks_per_decision <= 60, "rates.ticks_per_decision", self.ticks_per_decision, "1 to 60")
-
-    @property
-    def decision_s(self) -> float:
-        return self.tick_s * self.ticks_per_decision
-
-
-@dataclass(frozen=True)
 class Sensing:
     """Noise of the LED poses: pixel noise at a reference signal, dropouts and outliers per sighting."""
 
@@ -95,37 +77,6 @@ class Sensing:
         require(4 <= self.min_leds <= 8, "sensing.min_leds", self.min_leds, "4 to 8")
         for name in ("full_signal_range_m", "detection_signal"):
             require(getattr(self, name) > 0, f"sensing.{name}", getattr(self, name), "more than 0")
-
-
-@dataclass(frozen=True)
-class Estimation:
-    """Settings of the team filter and of what it declares (stationary, stuck, lost)."""
-
-    __pydantic_config__ = STRICT
-    rest_s: float = 0.3
-    slip_position_m_rts: float = 2.0e-4
-    slip_heading_rad_rts: float = 2.0e-4
-    odometry_noise_scale: float = 1.2
-    stuck_s: float = 3.0
-    silent_s: float = 3.0
-    hazard_mark_m: float = 0.10
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            require(value >= 0, f"estimation.{name}", value, "0 or more")
-
-
-@dataclass(frozen=True)
-class MapSettings:
-    """The belief's grid and the window of it that a policy sees."""
-
-    __pydantic_config__ = STRICT
-    cell_m: float = 0.05
-    ego_stride: int = 1
-
-    def __post_init__(self) -> None:
-        require(0.01 <= self.cell_m <= 0.5, "map.cell_m", self.cell_m, "0.01 to 0.5 m")
-        require(1 <= self.ego_stride <= 16, "map.ego_stride", self.ego_stride, "1 to 16 cells")
 
 
 @dataclass(frozen=True)
@@ -170,10 +121,10 @@ class Scenario:
     environment: Environment
     team: Team
     task: Task = Task()
-    rates: Rates = Rates()
+    rates: Rates = dataclasses.field(default_factory=Rates)
     sensing: Sensing = Sensing()
-    estimation: Estimation = Estimation()
-    map: MapSettings = MapSettings()
+    estimation: Estimation = dataclasses.field(default_factory=Estimation)
+    map: MapSettings = dataclasses.field(default_factory=MapSettings)
     reward: Reward = Reward()
     fidelity: Fidelity = "poses"
     physics: Physics = "fast"

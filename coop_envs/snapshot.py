@@ -49,6 +49,7 @@ def team_frame(batch: TeamBatch, b: int) -> Frame:
         belief_xy_yaw=np.column_stack([believed @ turn.T + (x, y), np.arctan2(R[:, 1, 0], R[:, 0, 0]) + yaw]),
         belief_cov_xy=turn @ covariance @ turn.T,
         stationary=batch.belief.stationary.numpy()[b] == 1,
+        collected=batch.state.collected.numpy()[b] == 1,
         fov_rad=np.array([horizontal_fov_rad(member.camera) for member in members]),
         range_m=np.array([member.camera.max_range_m if member.camera else 0.0 for member in members]),
         body_radius_m=np.array([member.robot.body_radius_m for member in members]),

@@ -17,7 +17,7 @@ from coop_envs.batch import TeamBatch
 from coop_envs.device import prepare
 from coop_envs.errors import require
 from coop_envs.geometry.keyed_random import team_key
-from coop_envs.observations import MAP_LAYERS, MATE_SIZE, MATES, SELF_SIZE, WINDOW
+from coop_envs.observations import MAP_LAYERS, MATE_SIZE, MATES, SELF_SIZE, WINDOW, observation_arrays
 from coop_envs.recording.frame import WorldPicture
 from coop_envs.scenario import Scenario
 from coop_envs.scoring import TERMS
@@ -162,15 +162,8 @@ class ExplorationVectorEnv(VectorEnv[TeamObservations, NDArray[np.float32], NDAr
         return TERMS
 
     def _observe(self) -> TeamObservations:
-        out, (b, n) = self.batch.observations, self.batch.score.alive.shape
-        arrays = {
-            "self": out.own.numpy(),
-            "mates": out.mates.numpy(),
-            "mask": out.mask.numpy(),
-            "map": out.map.numpy().reshape(b, n, len(MAP_LAYERS), WINDOW, WINDOW),
-            "alive": self.batch.score.alive.numpy().astype(np.int8),
-        }
-        return {name: self._filled(array) for name, array in arrays.items()}
+        arrays = {key: array.copy() for key, array in observation_arrays(self.batch.observations).items()}
+        return arrays | {"alive": self.batch.score.alive.numpy().astype(np.int8)}
 
     def torch(self) -> dict[str, Any]:
         """The device arrays of actions, observations, rewards and ends as torch tensors that share their memory.

@@ -34,7 +34,7 @@ ALLOWED: dict[str, set[str]] = {
     "experiments": ENVIRONMENT,
     "hardware_bridge": FOUNDATION
     | {"coop_envs.geometry", "coop_envs.agents", "coop_envs.sensing", "coop_envs.estimation", "coop_envs.mapping"}
-    | {"coop_envs.observations", "coop_envs.actions", "coop_envs.recording"},
+    | {"coop_envs.observations", "coop_envs.actions", "coop_envs.belief_loop", "coop_envs.recording"},
     "train": ENVIRONMENT | {"baselines", "policies", "experiments"},
 }
 """Each room and the rooms it may import besides itself; ``coop_envs`` stands for its top-level modules."""

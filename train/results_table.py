@@ -13,6 +13,7 @@ from train.results import Document
 SHOWN = (
     "success",
     "coverage",
+    "mapped_m2",
     "information_bits",
     "action_energy_j",
     "pickets_lost",

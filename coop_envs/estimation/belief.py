@@ -37,7 +37,7 @@ class Belief:
     position, velocity, rotation, gyro_bias, accel_bias
         (B, N) the 16 states of thesis eq (5.1), the attitude as R_team_body.
     covariance
-        (B, 15 S, 15 S) of the errors (theta, p, v, b_g, b_a) of the robots in S filter slots, with R = Exp(theta) R_hat.
+        (B, 15 S, 15 S) of the errors (theta, p, v, b_g, b_a) of the robots in S filter slots; R = Exp(theta) R_hat.
     slot, slots
         (B, N) each robot's slot or -1; (B,) how many slots are in use.
     pose_covariance
@@ -57,6 +57,8 @@ class Belief:
     tried_s, turn_tried, turn_felt, anchor
         (B, N) since the last motion that was noticed: seconds of driving, turn by the wheels and by the gyro (rad), and
         where that was (x, y).
+    spinning
+        (B, N) 1 from when the wheels contradicted the IMU until the robot rests or a camera sees it move.
     battery
         (B, N) remaining fraction.
     marked, undock
@@ -89,6 +91,7 @@ class Belief:
     turn_tried: wp.array2d(dtype=float)
     turn_felt: wp.array2d(dtype=float)
     anchor: wp.array2d(dtype=wp.vec2)
+    spinning: wp.array2d(dtype=int)
     battery: wp.array2d(dtype=float)
     marked: wp.array2d(dtype=int)
     undock: wp.array2d(dtype=int)

@@ -2,7 +2,8 @@
 
 A robot is called stuck when it has tried to drive and to turn for a while and neither was noticed: the gyro felt no
 turn, and the cameras saw no shift beyond two sigma. Turning is part of the test because a robot against a wall can
-turn and one in a trap cannot; a robot that only pushes is called stuck after four times as long.
+turn and one in a trap cannot; a robot that only pushes is called stuck after four times as long, and only in sight: one
+that drives straight on out of sight cannot be told from it.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ DRIVE_M_S = wp.constant(0.02)
 TURN_NOTICED = wp.constant(0.15)
 TURN_TESTED = wp.constant(0.6)
 SHIFT_M = wp.constant(0.02)
+MUCH_SHIFT_M = wp.constant(0.1)
 IN_SIGHT_S = wp.constant(1.0)
 PUSHING = wp.constant(4.0)
 UPSIDE_DOWN = wp.constant(-5.0)
@@ -73,18 +75,22 @@ def count_trying(belief: Belief, measured: Measurements, member: MemberModel, mo
         belief.turn_felt[b, r] = belief.turn_felt[b, r] + wp.sign(turn) * rate * model.decision_s
     p = belief.position[b, r]
     shift = wp.length(wp.vec2(float(p[0]), float(p[1])) - belief.anchor[b, r])
-    shifted = shift > wp.max(2.0 * position_sigma(belief, b, r), SHIFT_M) and belief.unseen_s[b, r] < IN_SIGHT_S
+    noticeable = wp.clamp(2.0 * position_sigma(belief, b, r), SHIFT_M, MUCH_SHIFT_M)
+    shifted = shift > noticeable and belief.unseen_s[b, r] < IN_SIGHT_S
     turned = belief.turn_felt[b, r] > wp.max(TURN_NOTICED * belief.turn_tried[b, r], 0.05)
+    if shifted:
+        belief.spinning[b, r] = 0
     if shifted or turned:
         forget_trying(belief, b, r)
 
 
 @wp.func
 def stuck(belief: Belief, model: StuckModel, b: int, r: int) -> bool:
+    """Whether a robot has tried in vain for long enough."""
     tried = belief.tried_s[b, r]
     if tried >= model.stuck_s and belief.turn_tried[b, r] >= TURN_TESTED:
         return True
-    return tried >= PUSHING * model.stuck_s
+    return tried >= PUSHING * model.stuck_s and belief.unseen_s[b, r] < IN_SIGHT_S
 
 
 @wp.func

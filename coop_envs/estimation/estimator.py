@@ -13,8 +13,10 @@ from coop_envs.agents.team import Team
 from coop_envs.estimation.belief import LOST, WORKING, Belief, MemberModel, allocate_belief, member_models
 from coop_envs.estimation.correction import fuse
 from coop_envs.estimation.declaring import StuckModel, declare, position_sigma
-from coop_envs.estimation.joining import Prior, begin
+from coop_envs.estimation.joining import Plans, Prior, begin
 from coop_envs.estimation.propagation import FilterModel, propagate
+from coop_envs.estimation.settings import Estimation, Rates
+from coop_envs.geometry.arrays import allocate
 from coop_envs.mapping.ground_map import Footprint, GroundMap, MapModel, allocate_map, clear_map, draw_footprint
 from coop_envs.sensing.measurements import Measurements
 
@@ -64,40 +66,39 @@ def chart(
 
 
 class TeamEstimator:
-    """Beliefs and maps of B teams of the same robots; launches are recorded once and replayed."""
+    """Beliefs and maps of B teams of the same robots; launches are recorded once and replayed.
+
+    It reads ``measurements`` and ``command``, and steps the teams whose ``running`` (B,) is 1.
+    """
 
     def __init__(
         self,
         team: Team,
+        rates: Rates,
+        settings: Estimation,
+        map_model: MapModel,
         measurements: Measurements,
         command: Command,
-        filter_model: FilterModel,
-        stuck_model: StuckModel,
-        map_model: MapModel,
-        prior: Prior,
         running: wp.array,
-        teams: int,
         device: str,
     ) -> None:
-        n = len(team.members)
-        self.device, self.teams, self.map_model = device, teams, map_model
+        teams, n = running.shape[0], len(team.members)
+        self.device, self.teams = device, teams
         self.members = member_models(team, device)
         self.belief = allocate_belief(team, teams, device)
-        reach_m = map_model.mark_radius + max(member.robot.body_radius_m for member in team.members)
+        reach_m = map_model.mark_radius + max(map_model.mark_radius, *(m.robot.body_radius_m for m in team.members))
         self.map = allocate_map(teams, n, map_model, reach_m, device)
-        self.prior = prior
-        self.prior.start = wp.zeros((teams, n), dtype=wp.vec3, device=device)
-        self.prior.dock = wp.zeros(teams, dtype=wp.vec3, device=device)
-        self.prior.goal = wp.zeros(teams, dtype=wp.vec4, device=device)
-        self.running = running
+        self.plans: Plans = allocate(Plans, (teams, n), device)
+        self._prior = _prior(settings)
         rows = wp.zeros((teams, 6, self.belief.covariance.shape[1]), dtype=wp.float64, device=device)
-        believed, seen = [self.belief], [self.belief, measurements]
-        inputs = [*believed, command, measurements, self.prior, self.members, filter_model, self.running]
+        model = _filter_model(rates, settings)
+        seen = [self.belief, measurements, self.members]
+        propagated = [self.belief, command, measurements, self.plans, self._prior, self.members, model, running]
         self._launches = [
-            self._record(propagate, inputs),
-            self._record(fuse, [*seen, self.members, filter_model, rows, self.running]),
-            self._record(declare, [*seen, self.members, stuck_model, self.running]),
-            self._record(chart, [*believed, self.map, self.members, map_model, self.running]),
+            self._record(propagate, propagated),
+            self._record(fuse, [*seen, model, rows, running]),
+            self._record(declare, [*seen, _stuck_model(rates, settings), running]),
+            self._record(chart, [self.belief, self.map, self.members, map_model, running]),
         ]
 
     def _record(self, kernel: wp.Kernel, inputs: list[object]) -> wp.Launch:
@@ -105,15 +106,37 @@ class TeamEstimator:
 
     def reset(self, chosen: NDArray[np.int32], plan: Plan) -> None:
         """Start the beliefs and maps of the teams with ``chosen`` 1 (B,) anew."""
-        self.prior.start.assign(plan.start)
-        self.prior.dock.assign(plan.dock)
-        self.prior.goal.assign(plan.goal)
+        self.plans.start.assign(plan.start)
+        self.plans.dock.assign(plan.dock)
+        self.plans.goal.assign(plan.goal)
         mask = wp.array(chosen, dtype=int, device=self.device)
         corner = wp.array(plan.corner, dtype=wp.vec2, device=self.device)
-        wp.launch(begin, self.teams, inputs=[self.belief, self.prior, self.members, mask], device=self.device)
+        begun = [self.belief, self.plans, self._prior, self.members, mask]
+        wp.launch(begin, self.teams, inputs=begun, device=self.device)
         wp.launch(clear_map, self.teams, inputs=[self.map, corner, mask], device=self.device)
 
     def step(self) -> None:
         """Take in one decision's measurements and the command under which they were made."""
         for launch in self._launches:
             launch.launch()
+
+
+def _filter_model(rates: Rates, settings: Estimation) -> FilterModel:
+    model = FilterModel()
+    model.tick_s, model.decision_s = rates.tick_s, rates.decision_s
+    model.rest_s, model.odometry_scale = settings.rest_s, settings.odometry_noise_scale
+    model.slip_position, model.slip_heading = settings.slip_position_m_rts, settings.slip_heading_rad_rts
+    return model
+
+
+def _stuck_model(rates: Rates, settings: Estimation) -> StuckModel:
+    model = StuckModel()
+    model.stuck_s, model.silent_s, model.decision_s = settings.stuck_s, settings.silent_s, rates.decision_s
+    return model
+
+
+def _prior(settings: Estimation) -> Prior:
+    prior = Prior()
+    prior.position, prior.height = settings.start_position_m, settings.start_height_m
+    prior.yaw, prior.tilt = settings.start_yaw_rad, settings.start_tilt_rad
+    return prior

@@ -24,19 +24,25 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 
 @wp.struct
-class Prior:
-    """Where people say they put the robots, in the team frame, and how exactly.
+class Plans:
+    """Where people say they put the robots, in the team frame: ``start`` (B, N) and ``dock`` (B,) are x, y, yaw.
 
-    ``start`` (B, N) and ``dock`` (B,) are x, y, yaw; ``goal`` (B,) x, y, radius, 1 if there is one.
+    ``goal`` (B,) is x, y, radius, 1 if there is one.
     """
 
     start: wp.array2d(dtype=wp.vec3)
     dock: wp.array(dtype=wp.vec3)
     goal: wp.array(dtype=wp.vec4)
-    position_sigma: wp.float64
-    height_sigma: wp.float64
-    yaw_sigma: wp.float64
-    tilt_sigma: wp.float64
+
+
+@wp.struct
+class Prior:
+    """How exactly people put robots where they say: standard deviations (m, rad)."""
+
+    position: wp.float64
+    height: wp.float64
+    yaw: wp.float64
+    tilt: wp.float64
 
 
 @wp.func
@@ -52,6 +58,7 @@ def clear_block(belief: Belief, b: int, slot: int):
 
 @wp.func
 def set_variance(belief: Belief, b: int, row: int, sigma: wp.float64):
+    """Put the same variance on three diagonal entries."""
     for k in range(3):
         belief.covariance[b, row + k, row + k] = sigma * sigma
 
@@ -98,6 +105,7 @@ def join(belief: Belief, prior: Prior, model: MemberModel, b: int, r: int, pose:
     belief.unseen_s[b, r] = 0.0
     belief.silent_s[b, r] = 0.0
     belief.rejected[b, r] = 0
+    belief.spinning[b, r] = 0
     belief.tried_s[b, r] = 0.0
     belief.turn_tried[b, r] = 0.0
     belief.turn_felt[b, r] = 0.0
@@ -108,10 +116,10 @@ def join(belief: Belief, prior: Prior, model: MemberModel, b: int, r: int, pose:
     clear_block(belief, b, slot)
     row = 15 * slot
     tiny = wp.float64(1.0e-5)
-    set_variance(belief, b, row + THETA, prior.tilt_sigma)
-    set_variance(belief, b, row + POSITION, prior.position_sigma)
-    yaw = prior.yaw_sigma
-    height = prior.height_sigma
+    set_variance(belief, b, row + THETA, prior.tilt)
+    set_variance(belief, b, row + POSITION, prior.position)
+    yaw = prior.yaw
+    height = prior.height
     if exact:
         set_variance(belief, b, row + POSITION, tiny)
         yaw = tiny
@@ -124,14 +132,16 @@ def join(belief: Belief, prior: Prior, model: MemberModel, b: int, r: int, pose:
 
 
 @wp.kernel
-def begin(belief: Belief, prior: Prior, members: wp.array(dtype=MemberModel), chosen: wp.array(dtype=int)):
+def begin(
+    belief: Belief, plans: Plans, prior: Prior, members: wp.array(dtype=MemberModel), chosen: wp.array(dtype=int)
+):
     """Start the belief of the chosen teams anew."""
     b = wp.tid()
     if chosen[b] == 0:
         return
     belief.slots[b] = 0
     belief.clock[b] = 0
-    belief.goal[b] = prior.goal[b]
+    belief.goal[b] = plans.goal[b]
     n = members.shape[0]
     for r in range(n):
         belief.slot[b, r] = NO_SLOT
@@ -143,25 +153,28 @@ def begin(belief: Belief, prior: Prior, members: wp.array(dtype=MemberModel), ch
             belief.averaged[b, r, j] = 0
     for r in range(n):
         if members[r].reserve == 1:
-            dock = prior.dock[b]
+            dock = plans.dock[b]
             belief.position[b, r] = wp.vec3d(wp.float64(dock[0]), wp.float64(dock[1]), wp.float64(0.0))
             belief.rotation[b, r] = wp.identity(n=3, dtype=wp.float64)
             belief.velocity[b, r] = wp.vec3d()
+            belief.gyro_bias[b, r] = wp.vec3d()
             belief.declared[b, r] = WAITING
             belief.stationary[b, r] = 1
             belief.rest_s[b, r] = 0.0
             belief.undock[b, r] = 0
             belief.tried_s[b, r] = 0.0
         else:
-            join(belief, prior, members[r], b, r, prior.start[b, r], r == 0)
+            join(belief, prior, members[r], b, r, plans.start[b, r], r == 0)
 
 
 @wp.func
-def welcome(belief: Belief, prior: Prior, measured: Measurements, members: wp.array(dtype=MemberModel), b: int):
+def welcome(
+    belief: Belief, plans: Plans, prior: Prior, measured: Measurements, members: wp.array(dtype=MemberModel), b: int
+):
     """Robots that have left the dock join; lost ones that are silent give up their slot."""
     for r in range(members.shape[0]):
         if belief.declared[b, r] == WAITING and measured.docked[b, r] == 0:
-            join(belief, prior, members[r], b, r, prior.dock[b], False)
+            join(belief, prior, members[r], b, r, plans.dock[b], False)
         if belief.declared[b, r] == LOST and measured.heard[b, r] == 0 and belief.slot[b, r] >= 0:
             clear_block(belief, b, belief.slot[b, r])
             belief.slot[b, r] = NO_SLOT

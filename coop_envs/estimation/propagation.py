@@ -9,8 +9,8 @@ from __future__ import annotations
 import warp as wp
 
 from coop_envs.agents.command import Command
-from coop_envs.estimation.belief import GYRO, POSITION, THETA, VELOCITY, WAITING, Belief, MemberModel
-from coop_envs.estimation.joining import Prior, welcome
+from coop_envs.estimation.belief import ACCEL, GYRO, POSITION, THETA, VELOCITY, WAITING, Belief, MemberModel
+from coop_envs.estimation.joining import Plans, Prior, welcome
 from coop_envs.geometry.so3 import exp_so3, orthonormal
 from coop_envs.sensing.measurements import Measurements
 
@@ -95,6 +95,7 @@ def block3(P: wp.array3d(dtype=wp.float64), b: int, row: int, column: int) -> wp
 
 @wp.func
 def store3(P: wp.array3d(dtype=wp.float64), b: int, row: int, column: int, value: wp.vec3d):
+    """Write three stacked entries of one column."""
     for k in range(3):
         P[b, row + k, column] = value[k]
 
@@ -170,10 +171,12 @@ def add_noise(belief: Belief, member: MemberModel, b: int, slot: int, phi: Trans
     add_block(P, b, row + VELOCITY, row + THETA, lever * (-g * t2 / wp.float64(2.0)))
     add_block(P, b, row + POSITION, row + THETA, lever * (-g * t3 / wp.float64(6.0)))
     add_block(P, b, row + VELOCITY, row + VELOCITY, eye * (a * t) + lever2 * (g * t3 / wp.float64(3.0)))
-    add_block(P, b, row + POSITION, row + VELOCITY, eye * (a * t2 / wp.float64(2.0)) + lever2 * (g * t3 * t / wp.float64(8.0)))
-    add_block(P, b, row + POSITION, row + POSITION, eye * (a * t3 / wp.float64(3.0)) + lever2 * (g * t3 * t2 / wp.float64(20.0)))
+    shake_pv = eye * (a * t2 / wp.float64(2.0)) + lever2 * (g * t3 * t / wp.float64(8.0))
+    shake_pp = eye * (a * t3 / wp.float64(3.0)) + lever2 * (g * t3 * t2 / wp.float64(20.0))
+    add_block(P, b, row + POSITION, row + VELOCITY, shake_pv)
+    add_block(P, b, row + POSITION, row + POSITION, shake_pp)
     add_block(P, b, row + GYRO, row + GYRO, eye * (member.gyro_walk * member.gyro_walk * t))
-    add_block(P, b, row + GYRO + 3, row + GYRO + 3, eye * (member.accel_walk * member.accel_walk * t))
+    add_block(P, b, row + ACCEL, row + ACCEL, eye * (member.accel_walk * member.accel_walk * t))
 
 
 @wp.func
@@ -200,22 +203,35 @@ def rests(belief: Belief, command: Command, measured: Measurements, b: int, r: i
     return wp.length(turn) < QUIET_GYRO and wp.abs(wp.length(force) - wp.float64(9.81)) < QUIET_ACCEL
 
 
+@wp.func
+def stand_still(belief: Belief, member: MemberModel, model: FilterModel, b: int, slot: int):
+    """Covariance of a robot at rest over a decision: the ground may give a little, the IMU's biases walk on."""
+    t = wp.float64(model.decision_s)
+    row = 15 * slot
+    yaw = row + THETA + 2
+    add_diagonal(belief.covariance, b, row + POSITION, model.slip_position * model.slip_position * t)
+    belief.covariance[b, yaw, yaw] = belief.covariance[b, yaw, yaw] + model.slip_heading * model.slip_heading * t
+    add_diagonal(belief.covariance, b, row + GYRO, member.gyro_walk * member.gyro_walk * t)
+    add_diagonal(belief.covariance, b, row + ACCEL, member.accel_walk * member.accel_walk * t)
+
+
 @wp.kernel
 def propagate(
-    belief: Belief, command: Command, measured: Measurements, prior: Prior, members: wp.array(dtype=MemberModel),
-    model: FilterModel, running: wp.array(dtype=int),
+    belief: Belief, command: Command, measured: Measurements, plans: Plans, prior: Prior,
+    members: wp.array(dtype=MemberModel), model: FilterModel, running: wp.array(dtype=int),
 ):  # fmt: skip
     """Carry the belief of every running team over one decision."""
     b = wp.tid()
     if running[b] == 0:
         return
-    welcome(belief, prior, measured, members, b)
+    welcome(belief, plans, prior, measured, members, b)
     belief.clock[b] = belief.clock[b] + 1
     for r in range(members.shape[0]):
         slot = belief.slot[b, r]
         if slot >= 0 and measured.heard[b, r] == 1 and belief.declared[b, r] != WAITING:
             if rests(belief, command, measured, b, r):
                 belief.rest_s[b, r] = belief.rest_s[b, r] + model.decision_s
+                belief.spinning[b, r] = 0
             else:
                 belief.rest_s[b, r] = 0.0
             still = int(belief.rest_s[b, r] >= model.rest_s)
@@ -225,12 +241,7 @@ def propagate(
                     belief.averaged[b, j, r] = 0
             belief.stationary[b, r] = still
             if still == 1:
-                slip = model.slip_position * model.slip_position * wp.float64(model.decision_s)
-                row = 15 * slot
-                add_diagonal(belief.covariance, b, row + POSITION, slip)
-                yaw = row + THETA + 2
-                turn = model.slip_heading * model.slip_heading * wp.float64(model.decision_s)
-                belief.covariance[b, yaw, yaw] = belief.covariance[b, yaw, yaw] + turn
+                stand_still(belief, members[r], model, b, slot)
             else:
                 phi = integrate(belief, measured, model, b, r)
                 shake = wp.float64(0.0)

@@ -132,9 +132,10 @@ def draw_footprint(ground: GroundMap, model: MapModel, b: int, r: int, foot: Foo
                 stamp(ground, model, b, OBSTACLE, at, body, before, body, -PASSED)
             ground.proven_at[b, r] = wp.vec3(foot.x, foot.y, 1.0)
     if foot.marks == 1:
-        core = foot.contact_radius + foot.sigma
+        doubt = wp.min(foot.sigma, model.mark_radius)
+        core = foot.contact_radius + doubt
         stamp(ground, model, b, GROUND, at, core, nowhere, 0.0, STUCK_HERE)
-        stamp(ground, model, b, GROUND, at, model.mark_radius + foot.sigma, at, core, STUCK_NEAR)
+        stamp(ground, model, b, GROUND, at, model.mark_radius + doubt, at, core, STUCK_NEAR)
 
 
 @wp.func

@@ -20,11 +20,11 @@ BLOCKED = 166  # P(obstacle) in 255ths from which a cell counts as an obstacle
 Mask = NDArray[np.bool_]
 Points = NDArray[np.float64]
 Disc = tuple[float, float, float]
-Cell = tuple[int, int]
+Node = tuple[int, int]
 
 COMFORT_M = 0.10  # a robot with this much clearance pays nothing for being near an edge
 SHYNESS = 3.0  # what a metre along the very edge of the proven ground costs above one in the open, in metres
-ENTRY_CELLS = 2.2  # how far from the robot its first safe cell may lie
+ENTRY_CELLS = 2.2  # how far from the robot its first safe node may lie
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Footprint:
 
     contact_radius_m: float
     body_radius_m: float
-    margin_m: float = 0.015
+    margin_m: float = 0.02
 
     def reach_m(self, cell_m: float) -> float:
         """Distance that cell centres of unproven ground must keep.
@@ -134,8 +134,9 @@ class Clearance:
 class SafeRoutes:
     """All safe routes of one robot from where it stands, found in one search.
 
-    ``safe`` (nx, ny) tells on which cells' centres the robot may stand, ``cost_m`` (nx, ny) the price of reaching them,
-    infinite where no safe route leads. Routes prefer clearance: a metre along the very edge costs ``1 + SHYNESS``.
+    Nodes lie at the corners, edges and centres of cells: node (a, b) of a grid of (nx, ny) cells is at
+    ``origin + cell / 2 * (a, b)``. ``cost_m`` (2 nx + 1, 2 ny + 1) is the price of reaching each, infinite where no safe
+    route leads. Routes prefer clearance: a metre along the very edge of what is safe costs ``1 + SHYNESS``.
     """
 
     def __init__(
@@ -143,40 +144,47 @@ class SafeRoutes:
     ) -> None:
         self.grid, self.start_m = grid, np.asarray(start_m, dtype=np.float64)
         self.clearance = Clearance(grid, footprint, keep_out)
-        proven = grid.ground >= PROVEN
-        spare = np.full(grid.ground.shape, -np.inf)
-        spare[proven] = self.clearance(grid.centres(proven))
-        self.safe = spare > 0.0
-        self.cost_m = np.full(grid.ground.shape, np.inf)
+        self.spare_m = node_clearance(grid, footprint, keep_out)
+        self.cost_m = np.full(self.spare_m.shape, np.inf)
         entries = self._entries()
         if entries:
-            price = np.where(self.safe, 1.0 + SHYNESS * (1.0 - np.clip(spare / COMFORT_M, 0.0, 1.0)), -1.0)
-            self._search = minimum_cost_search(price, diagonal=footprint.reach_m(grid.cell_m) >= grid.cell_m)
-            self.cost_m = self._search.find_costs(entries)[0] * grid.cell_m
+            price = 1.0 + SHYNESS * (1.0 - np.clip(self.spare_m / COMFORT_M, 0.0, 1.0))
+            self._search = minimum_cost_search(np.where(self.spare_m > 0.0, price, -1.0))
+            self.cost_m = self._search.find_costs(entries)[0] * (0.5 * grid.cell_m)
 
-    def _entries(self) -> list[Cell]:
-        """Safe cells near the start, reached straight and with no less clearance than where the robot stands."""
+    def positions(self, nodes: ArrayLike) -> Points:
+        """Places (..., 2) in metres of nodes (..., 2)."""
+        return np.asarray(self.grid.origin_m) + 0.5 * self.grid.cell_m * np.asarray(nodes)
+
+    def reachable(self) -> tuple[Points, NDArray[np.float64]]:
+        """Places (k, 2) that safe routes lead to, and what it costs to get there (k,)."""
+        reached = np.isfinite(self.cost_m)
+        return self.positions(np.argwhere(reached)), self.cost_m[reached]
+
+    def _entries(self) -> list[Node]:
+        """Safe nodes near the start, reached straight and with no less clearance than where the robot stands."""
         least = min(0.0, float(self.clearance(self.start_m[None])[0])) - 1e-9
-        near = np.argwhere(self.safe & self.grid.within((*self.start_m, ENTRY_CELLS * self.grid.cell_m)))
-        return [
-            (i, j) for i, j in near.tolist() if self.clearance.along(self.start_m, self.grid.centre_of((i, j))) >= least
-        ]
+        nodes = np.argwhere(self.spare_m > 0.0)
+        places = self.positions(nodes)
+        near = np.hypot(*(places - self.start_m).T) < ENTRY_CELLS * self.grid.cell_m
+        pairs = zip(nodes[near].tolist(), places[near], strict=True)
+        return [(a, b) for (a, b), place in pairs if self.clearance.along(self.start_m, place) >= least]
 
-    def nearest_to(self, goal_m: ArrayLike, radius_m: float) -> Cell | None:
-        """The reachable cell nearest to a goal, if its centre lies within the goal's radius."""
-        reachable = np.isfinite(self.cost_m) & self.grid.within((*np.asarray(goal_m), radius_m))
-        if not reachable.any():
+    def nearest_to(self, goal_m: ArrayLike, radius_m: float) -> Node | None:
+        """The reachable node nearest to a goal, if it lies within the goal's radius."""
+        nodes = np.argwhere(np.isfinite(self.cost_m))
+        distance = np.hypot(*(self.positions(nodes) - goal_m).T)
+        if not len(nodes) or distance.min() > radius_m:
             return None
-        distance = np.hypot(*(self.grid.centres(reachable) - goal_m).T)
-        i, j = np.argwhere(reachable)[int(np.argmin(distance))]
-        return int(i), int(j)
+        a, b = nodes[int(np.argmin(distance))].tolist()
+        return a, b
 
-    def path_to(self, cell: Cell) -> Points | None:
-        """Waypoints (k, 2) in metres from the start to a cell's centre, or None."""
-        if not np.isfinite(self.cost_m[cell]):
+    def path_to(self, node: Node) -> Points | None:
+        """Waypoints (k, 2) in metres from the start to a node, or None."""
+        if not np.isfinite(self.cost_m[node]):
             return None
-        cells = np.array(self._search.traceback(cell))
-        return self._straightened(np.vstack([self.start_m, self.grid.centre_of(cells)]))
+        nodes = np.array(self._search.traceback(node))
+        return self._straightened(np.vstack([self.start_m, self.positions(nodes)]))
 
     def _straightened(self, points: Points) -> Points:
         """Fewer waypoints: a straight line replaces those between its ends if it has no less clearance than they."""
@@ -196,17 +204,42 @@ def safe_path(
     footprint: Footprint,
     keep_out: tuple[Disc, ...] = (),
 ) -> Points | None:
-    """Waypoints (k, 2) over proven ground to the reachable cell nearest the goal and within its radius, or None."""
+    """Waypoints (k, 2) over proven ground to the reachable node nearest the goal and within its radius, or None."""
     routes = SafeRoutes(grid, start_m, footprint, keep_out)
-    cell = routes.nearest_to(goal_m, goal_radius_m)
-    return None if cell is None else routes.path_to(cell)
+    node = routes.nearest_to(goal_m, goal_radius_m)
+    return None if node is None else routes.path_to(node)
 
 
-def minimum_cost_search(price: NDArray[np.float64], diagonal: bool) -> Any:
-    """scikit-image's search over a grid of prices (nx, ny); negative ones cannot be entered."""
+def node_clearance(grid: BeliefGrid, footprint: Footprint, keep_out: tuple[Disc, ...] = ()) -> NDArray[np.float64]:
+    """`Clearance` (2 nx + 1, 2 ny + 1) at the nodes of `SafeRoutes`."""
+    from scipy.ndimage import distance_transform_edt
+
+    half_m = 0.5 * grid.cell_m
+    unproven = at_nodes(np.pad(grid.ground < PROVEN, 1, constant_values=True))
+    spare = half_m * distance_transform_edt(~unproven)[2:-2, 2:-2] - footprint.reach_m(grid.cell_m)
+    obstacle = grid.obstacle >= BLOCKED
+    if obstacle.any():
+        distance = half_m * distance_transform_edt(~at_nodes(obstacle))
+        spare = np.minimum(spare, distance - footprint.body_radius_m - half_m)
+    for x, y, radius in keep_out:
+        dx = grid.origin_m[0] + half_m * np.arange(spare.shape[0]) - x
+        dy = grid.origin_m[1] + half_m * np.arange(spare.shape[1]) - y
+        spare = np.minimum(spare, np.hypot(dx[:, None], dy[None]) - radius)
+    return spare
+
+
+def at_nodes(cells: NDArray[Any]) -> NDArray[Any]:
+    """Values (nx, ny) of cells put on the nodes at their centres (2 nx + 1, 2 ny + 1), nothing elsewhere."""
+    nodes = np.zeros((2 * cells.shape[0] + 1, 2 * cells.shape[1] + 1), dtype=cells.dtype)
+    nodes[1::2, 1::2] = cells
+    return nodes
+
+
+def minimum_cost_search(price: NDArray[np.float64]) -> Any:
+    """scikit-image's search over a grid of prices, eight neighbours each; negative ones cannot be entered."""
     from skimage.graph import MCP_Geometric
 
-    return MCP_Geometric(price, fully_connected=diagonal)
+    return MCP_Geometric(price, fully_connected=True)
 
 
 def _unproven_edge(grid: BeliefGrid) -> Points:

@@ -27,6 +27,7 @@ _ARRAYS: dict[str, tuple[type[np.generic], tuple[str, ...]]] = {
     "belief_xy_yaw": (np.float64, ("n", "3")),
     "belief_cov_xy": (np.float64, ("n", "2", "2")),
     "stationary": (np.bool_, ("n",)),
+    "collected": (np.bool_, ("n",)),
     "fov_rad": (np.float64, ("n",)),
     "range_m": (np.float64, ("n",)),
     "body_radius_m": (np.float64, ("n",)),
@@ -65,6 +66,8 @@ class Frame:
     """Covariance of the believed position, m^2, world axes."""
     stationary: NDArray[np.bool_]
     """Declared stationary: a landmark for the others."""
+    collected: NDArray[np.bool_]
+    """Lost, and taken out of the world by hand."""
     fov_rad: NDArray[np.float64]
     """Horizontal field of view of the robot's camera about its x axis, 0 without a camera."""
     range_m: NDArray[np.float64]

@@ -14,21 +14,34 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 class Calibration(Protocol):
     """What a camera's description must hold: image size, intrinsics, distortion (k1, k2, p1, p2, k3), mounting."""
 
-    width_px: int
-    height_px: int
-    fx_px: float
-    fy_px: float
-    cx_px: float
-    cy_px: float
-    distortion: tuple[float, float, float, float, float]
-    position_m: tuple[float, float, float]
-    pitch_down_rad: float
-    max_range_m: float
+    @property
+    def width_px(self) -> int: ...
+    @property
+    def height_px(self) -> int: ...
+    @property
+    def fx_px(self) -> float: ...
+    @property
+    def fy_px(self) -> float: ...
+    @property
+    def cx_px(self) -> float: ...
+    @property
+    def cy_px(self) -> float: ...
+    @property
+    def distortion(self) -> tuple[float, float, float, float, float]: ...
+    @property
+    def position_m(self) -> tuple[float, float, float]: ...
+    @property
+    def pitch_down_rad(self) -> float: ...
+    @property
+    def max_range_m(self) -> float: ...
 
 
 @wp.struct
 class CameraModel:
-    """``fitted`` is 0 on a robot without a camera. ``R_body_camera``, ``p_body_camera`` mount it; f and c in pixels."""
+    """``fitted`` is 0 on a robot without a camera. ``R_body_camera``, ``p_body_camera`` mount it; f and c in pixels.
+
+    ``fold`` is where the distortion model ends, see `fold_tan2`.
+    """
 
     fitted: int
     R_body_camera: wp.mat33
@@ -38,6 +51,7 @@ class CameraModel:
     size: wp.vec2
     radial: wp.vec3
     tangential: wp.vec2
+    fold: float
     max_range: float
 
 
@@ -45,6 +59,16 @@ def body_from_camera(pitch_down_rad: float) -> NDArray[np.float64]:
     """R_body_camera (3, 3) of a camera looking along body x, tilted towards the ground."""
     s, c = np.sin(pitch_down_rad), np.cos(pitch_down_rad)
     return np.array([[0.0, -s, c], [-1.0, 0.0, 0.0], [0.0, -c, -s]])
+
+
+def fold_tan2(k1: float, k2: float, k3: float) -> float:
+    """Squared tangent of the angle off the axis at which radial distortion turns points back into the image.
+
+    Infinite where it never does.
+    """
+    slope_is_zero = np.roots([7.0 * k3, 5.0 * k2, 3.0 * k1, 1.0])
+    tan2 = slope_is_zero.real[(np.abs(slope_is_zero.imag) < 1e-9) & (slope_is_zero.real > 0)]
+    return float(np.min(tan2, initial=np.inf))
 
 
 def camera_model(calibration: Calibration | None) -> CameraModel:
@@ -60,7 +84,7 @@ def camera_model(calibration: Calibration | None) -> CameraModel:
     model.centre = wp.vec2(calibration.cx_px, calibration.cy_px)
     model.size = wp.vec2(float(calibration.width_px), float(calibration.height_px))
     model.radial, model.tangential = wp.vec3(k1, k2, k3), wp.vec2(p1, p2)
-    model.max_range = calibration.max_range_m
+    model.fold, model.max_range = fold_tan2(k1, k2, k3), calibration.max_range_m
     return model
 
 
@@ -86,7 +110,7 @@ def in_view(camera: CameraModel, p_camera: wp.vec3) -> bool:
     """Whether a point lies before the camera, in range and inside the image."""
     if p_camera[2] < 0.03 or wp.length(p_camera) > camera.max_range:
         return False
-    if wp.abs(p_camera[0]) > 2.0 * p_camera[2] or wp.abs(p_camera[1]) > 2.0 * p_camera[2]:
+    if p_camera[0] * p_camera[0] + p_camera[1] * p_camera[1] > camera.fold * p_camera[2] * p_camera[2]:
         return False
     uv = project(camera, p_camera)
     return uv[0] >= 0.0 and uv[1] >= 0.0 and uv[0] <= camera.size[0] - 1.0 and uv[1] <= camera.size[1] - 1.0

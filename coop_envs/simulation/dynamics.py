@@ -1,8 +1,9 @@
 """A robot as a disc with two driven sides on uneven ground: drive, slip, slope, steps, walls, other robots.
 
 Wheel speeds follow their set-points with a first-order lag; each side slips by a relative amount that wanders (a
-first-order Gauss-Markov process). The disc rests on the plane through the ground under its rim; a rise above the
-robot's step limit, or missing ground, blocks it as a wall does: the motion into it is removed, the rest stays.
+first-order Gauss-Markov process). The disc rests on the plane through the ground under its rim. A rise under the rim
+above the robot's step limit and steeper than it can stand on, or missing ground, blocks it as a wall does: the motion
+into it is removed, the rest stays. A robot falls where its centre passes an edge deeper than its drop limit.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ from coop_envs.simulation.state import ACTIVE, DOCKED, FALLEN, SWALLOWED, State
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 RIM_POINTS = wp.constant(12)
-RIM_STEP = wp.constant(0.5235987755982988)
+RIM_COS, RIM_SIN = wp.constant(0.8660254037844387), wp.constant(0.5)
 ABYSS = wp.constant(-100.0)
+SLIDE_M_S = wp.constant(1.0)
 
 
 @wp.struct
@@ -33,43 +35,65 @@ class Ground:
 
 @wp.struct
 class Footing:
-    """What a disc stands on: height and unit normal of the fitted plane, the sum of directions that are blocked."""
+    """What a disc stands on: height and unit normal of the fitted plane, the sum of directions that are blocked.
+
+    ``missing`` is 1 where its centre has no ground to stand on, ``falls`` where it tips over an edge.
+    """
 
     height: float
     normal: wp.vec3
     wall: wp.vec2
     missing: int
+    falls: int
 
 
 @wp.func
-def footing(terrain: Terrain, w: int, model: RobotModel, at: wp.vec2, below: float) -> Footing:
-    """Footing at a point for a robot that has stood at height ``below`` so far."""
+def footing(terrain: Terrain, w: int, model: RobotModel, at: wp.vec2, below: float, normal: wp.vec3) -> Footing:
+    """Footing at a point for a robot that has stood at height ``below`` on a plane with this normal so far."""
     foot = Footing()
     centre = ground_height(terrain, w, at[0], at[1])
-    if centre < ABYSS or centre - below > model.max_step:
+    if centre < ABYSS or centre - below > model.step_rise:
         foot.missing = 1
         foot.height = below
         foot.normal = wp.vec3(0.0, 0.0, 1.0)
         return foot
-    total = centre
+    level = centre
+    if below - centre > model.max_drop:
+        level = below
+    total = level
     count = float(1.0)
+    hanging = int(0)
     tilt = wp.vec2(0.0, 0.0)
-    for k in range(RIM_POINTS):
-        ray = wp.vec2(wp.cos(float(k) * RIM_STEP), wp.sin(float(k) * RIM_STEP))
-        rim = at + ray * model.body_radius
-        h = ground_height(terrain, w, rim[0], rim[1])
-        if h - below > model.max_step or h < ABYSS:
+    ray = wp.vec2(1.0, 0.0)
+    for _k in range(RIM_POINTS):
+        reach = ray * model.body_radius
+        h = ground_height(terrain, w, at[0] + reach[0], at[1] + reach[1])
+        plane = below - (normal[0] * reach[0] + normal[1] * reach[1]) / normal[2]
+        if h < ABYSS or rises(terrain, w, model, at + reach, ray, h, centre):
             foot.wall = foot.wall + ray
+        elif plane - h > model.max_drop:
+            hanging = hanging + 1
         else:
-            if h - below < -model.max_drop:
-                h = centre
             total = total + h
             count = count + 1.0
-            tilt = tilt + ray * (h - centre)
+            tilt = tilt + ray * (h - level)
+        ray = wp.vec2(RIM_COS * ray[0] - RIM_SIN * ray[1], RIM_SIN * ray[0] + RIM_COS * ray[1])
     foot.height = total / count
+    if below - centre > model.max_drop and 3 * hanging >= RIM_POINTS:
+        foot.falls = 1
+        foot.height = centre
     slope = tilt * (2.0 / (float(RIM_POINTS) * model.body_radius))
     foot.normal = wp.normalize(wp.vec3(-slope[0], -slope[1], 1.0))
     return foot
+
+
+@wp.func
+def rises(terrain: Terrain, w: int, model: RobotModel, rim: wp.vec2, ray: wp.vec2, h: float, centre: float) -> bool:
+    """Whether the ground below a rim point (height h) rises to it as a wall: too high, within too short a way."""
+    if h - centre <= model.step_rise:
+        return False
+    inner = rim - ray * model.step_reach
+    return h - ground_height(terrain, w, inner[0], inner[1]) > model.step_rise
 
 
 @wp.func
@@ -106,8 +130,8 @@ def ground_motion(
     grip = friction * R[2, 2]
     if steepness > grip:
         excess = (steepness - grip) / steepness
-        forward = forward - climb * excess
-        sideways = sideways - lean * excess
+        forward = forward - climb * excess * SLIDE_M_S
+        sideways = sideways - lean * excess * SLIDE_M_S
     return wp.vec3(forward, sideways, (right - left) / model.track)
 
 
@@ -119,18 +143,31 @@ def present(state: State, b: int, r: int) -> bool:
 
 
 @wp.func
-def around_robots(
-    state: State, robots: wp.array(dtype=RobotModel), b: int, r: int, foot: wp.vec2, step: wp.vec2
-) -> wp.vec2:
+def pushes(state: State, robots: wp.array(dtype=RobotModel), b: int, r: int, o: int, foot: wp.vec2, step: wp.vec2) -> bool:
+    """Whether a step of robot r would bring it closer to robot o than their bodies allow."""
+    if o == r or not present(state, b, o):
+        return False
+    gap = wp.vec2(state.position[b, o][0], state.position[b, o][1]) - foot
+    return wp.dot(step, gap) > 1.0e-8 and wp.length(gap - step) < robots[r].body_radius + robots[o].body_radius
+
+
+@wp.func
+def around_robots(state: State, robots: wp.array(dtype=RobotModel), b: int, r: int, foot: wp.vec2, step: wp.vec2) -> wp.vec2:
     """A step less what would push into another robot."""
     free = step
     for o in range(robots.shape[0]):
-        if o != r and present(state, b, o):
-            other = state.position[b, o]
-            gap = wp.vec2(other[0], other[1]) - foot
-            if wp.length(gap - free) < robots[r].body_radius + robots[o].body_radius:
-                free = without_approach(free, gap)
+        if pushes(state, robots, b, r, o, foot, free):
+            free = without_approach(free, wp.vec2(state.position[b, o][0], state.position[b, o][1]) - foot)
     return free
+
+
+@wp.func
+def pushes_any(state: State, robots: wp.array(dtype=RobotModel), b: int, r: int, foot: wp.vec2, step: wp.vec2) -> bool:
+    """Whether a step of robot r would push into any other robot."""
+    for o in range(robots.shape[0]):
+        if pushes(state, robots, b, r, o, foot, step):
+            return True
+    return False
 
 
 @wp.func
@@ -145,36 +182,36 @@ def drive(state: State, robots: wp.array(dtype=RobotModel), ground: Ground, b: i
     model = robots[r]
     w = state.world[b]
     R = state.rotation[b, r]
+    up = wp.vec3(R[0, 2], R[1, 2], R[2, 2])
     foot = foot_point(state.position[b, r], R, model.body_height)
     at = wp.vec2(foot[0], foot[1])
     scale = motion_scale(ground.hazards, w, at[0], at[1])
     motion = ground_motion(model, state.wheels[b, r], state.slip[b, r], scale, R, ground.friction)
-    middle = state.yaw[b, r] + 0.5 * motion[2] * dt
-    level = wp.length(wp.vec2(R[0, 0], R[1, 0]))
-    c = wp.cos(middle)
-    s = wp.sin(middle)
-    step = wp.vec2(motion[0] * level * c - motion[1] * s, motion[0] * level * s + motion[1] * c) * dt
-    step = around_robots(state, robots, b, r, at, step)
-    stand = footing(ground.terrain, w, model, at + step, foot[2])
+    turn = motion[2] * dt * up[2] / (R[0, 0] * R[0, 0] + R[1, 0] * R[1, 0])
+    facing = stand_on(up, state.yaw[b, r] + 0.5 * turn)
+    wanted = wp.vec2(facing[0, 0] * motion[0] + facing[0, 1] * motion[1], facing[1, 0] * motion[0] + facing[1, 1] * motion[1]) * dt
+    step = around_robots(state, robots, b, r, at, wanted)
+    stand = footing(ground.terrain, w, model, at + step, foot[2], up)
     if wp.dot(step, stand.wall) > 0.0:
         step = without_approach(step, stand.wall)
-        stand = footing(ground.terrain, w, model, at + step, foot[2])
-    if stand.missing == 1 or wp.dot(step, stand.wall) > 1.0e-7:
+        stand = footing(ground.terrain, w, model, at + step, foot[2], up)
+    stuck = stand.missing == 1 or wp.dot(step, stand.wall) > 1.0e-7
+    if stuck or (wp.length(step - wanted) > 0.0 and pushes_any(state, robots, b, r, at, step)):
         step = wp.vec2(0.0, 0.0)
-        stand = footing(ground.terrain, w, model, at, foot[2])
-    yaw = wrap(state.yaw[b, r] + motion[2] * dt)
+        stand = footing(ground.terrain, w, model, at, foot[2], up)
+    yaw = wrap(state.yaw[b, r] + turn)
     now = at + step
     state.yaw[b, r] = yaw
     state.position[b, r] = wp.vec3(now[0], now[1], stand.height) + stand.normal * model.body_height
     state.rotation[b, r] = stand_on(stand.normal, yaw)
-    if foot[2] - stand.height > model.max_drop or stand.normal[2] < wp.cos(model.tip_slope):
+    if stand.falls == 1 or stand.normal[2] < model.upright:
         state.rotation[b, r] = stand_on(-stand.normal, yaw)
         state.status[b, r] = FALLEN
 
 
 @wp.func
 def spin_wheels(state: State, model: RobotModel, b: int, r: int, set_point: wp.vec2, dt: float):
-    """Let the wheels follow their set-point for one substep; below 1 mrad/s they stand."""
+    """Let the wheels follow their set-point for one substep; below 1 mrad/s, or 50 told to stand, they stand."""
     wheels = state.wheels[b, r]
     wheels = wheels + (set_point - wheels) * (1.0 - wp.exp(-dt / model.lag))
     if wp.length(wheels) < 1.0e-3 or (wp.length(set_point) == 0.0 and wp.length(wheels) < 0.05):
@@ -183,6 +220,9 @@ def spin_wheels(state: State, model: RobotModel, b: int, r: int, set_point: wp.v
 
 
 @wp.func
-def restless(state: State, b: int, r: int) -> bool:
-    """Whether a robot has to be moved at all: wheels turn or it may slide."""
-    return state.status[b, r] == ACTIVE and (wp.length(state.wheels[b, r]) > 0.0 or state.rotation[b, r][2, 2] < 0.99)
+def restless(state: State, friction: float, b: int, r: int) -> bool:
+    """Whether a robot has to be moved at all: its wheels turn, or it slides."""
+    if state.status[b, r] != ACTIVE:
+        return False
+    upright = state.rotation[b, r][2, 2]
+    return wp.length(state.wheels[b, r]) > 0.0 or upright * upright * (1.0 + friction * friction) < 1.0

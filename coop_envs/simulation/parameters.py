@@ -16,13 +16,18 @@ from coop_envs.sensing.camera import CameraModel, camera_model
 from coop_envs.worlds.world import World
 
 MAX_LEDS = 8
+SHORTEST_REACH_M = 0.01
 TRAP, HOLE, SLIPPERY = wp.constant(0), wp.constant(1), wp.constant(2)
 HAZARD_KINDS = {"trap": 0, "hole": 1, "slippery": 2}
 
 
 @wp.struct
 class RobotModel:
-    """One robot's physics. Lengths m, times s; ``marker_sum`` is what all its LED channels add up to at full."""
+    """One robot's physics. Lengths m, times s; ``marker_sum`` is what all its LED channels add up to at full.
+
+    Ground that rises by more than ``step_rise`` within ``step_reach`` is a wall to it; it tips over where the vertical
+    component of its up axis falls below ``upright``.
+    """
 
     mass: float
     body_radius: float
@@ -36,8 +41,9 @@ class RobotModel:
     slip_time: float
     slope_slip: float
     max_slope: float
-    tip_slope: float
-    max_step: float
+    upright: float
+    step_rise: float
+    step_reach: float
     max_drop: float
     odometry_noise: float
     battery: float
@@ -86,8 +92,11 @@ def robot_model(member: Member) -> RobotModel:
     model.wheel_radius, model.track = robot.wheel_radius_m, robot.track_m
     model.lag, model.slip, model.slip_time = robot.drive_lag_s, robot.slip, robot.slip_time_s
     model.slope_slip, model.max_slope = robot.slope_slip, robot.max_slope_rad
-    model.tip_slope = float(np.arctan2(robot.contact_radius_m, 0.5 * robot.height_m))
-    model.max_step, model.max_drop = robot.max_step_m, robot.max_drop_m
+    tip_grade = robot.contact_radius_m / (0.5 * robot.height_m)
+    model.upright = float(np.cos(np.arctan(tip_grade)))
+    model.step_reach = min(max(robot.max_step_m / tip_grade, SHORTEST_REACH_M), robot.body_radius_m)
+    model.step_rise = max(robot.max_step_m, model.step_reach * tip_grade)
+    model.max_drop = robot.max_drop_m
     model.odometry_noise = robot.odometry_noise
     model.battery, model.idle_power = robot.battery.energy_j, robot.power.robot[3][3]
     model.marker_sum = marker_sum(member.hat)

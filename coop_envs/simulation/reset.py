@@ -7,6 +7,7 @@ import warp as wp
 from coop_envs.agents.command import Command
 from coop_envs.geometry.keyed_random import draw_key, normal2, normal3
 from coop_envs.geometry.so3 import stand_on
+from coop_envs.geometry.terrain import ground_height
 from coop_envs.simulation.dynamics import Ground, footing, present
 from coop_envs.simulation.parameters import RobotModel
 from coop_envs.simulation.state import ACTIVE, DOCKED, State
@@ -15,7 +16,6 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 PLACE_CHANNEL = wp.constant(32)
 BIAS_CHANNEL = wp.constant(34)
-SKY = wp.constant(1.0e6)
 
 
 @wp.struct
@@ -31,10 +31,12 @@ class Starts:
 @wp.func
 def stand_at(state: State, model: RobotModel, ground: Ground, b: int, r: int, pose: wp.vec3):
     """Set a robot down at rest at x, y, yaw."""
-    stand = footing(ground.terrain, state.world[b], model, wp.vec2(pose[0], pose[1]), SKY)
-    level = footing(ground.terrain, state.world[b], model, wp.vec2(pose[0], pose[1]), stand.height)
-    state.position[b, r] = wp.vec3(pose[0], pose[1], level.height) + level.normal * model.body_height
-    state.rotation[b, r] = stand_on(level.normal, pose[2])
+    at = wp.vec2(pose[0], pose[1])
+    w = state.world[b]
+    stand = footing(ground.terrain, w, model, at, ground_height(ground.terrain, w, at[0], at[1]), wp.vec3(0.0, 0.0, 1.0))
+    stand = footing(ground.terrain, w, model, at, stand.height, stand.normal)
+    state.position[b, r] = wp.vec3(at[0], at[1], stand.height) + stand.normal * model.body_height
+    state.rotation[b, r] = stand_on(stand.normal, pose[2])
     state.yaw[b, r] = pose[2]
     state.velocity[b, r] = wp.vec3(0.0, 0.0, 0.0)
     state.wheels[b, r] = wp.vec2(0.0, 0.0)

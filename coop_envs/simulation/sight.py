@@ -36,11 +36,15 @@ def hidden_by_robot(
     for k in range(robots.shape[0]):
         if k != i and k != j and present(state, b, k):
             p = state.position[b, k]
-            s = wp.clamp(wp.dot(wp.vec2(p[0] - a[0], p[1] - a[1]), d) / length2, 0.0, 1.0)
-            off = wp.length(wp.vec2(a[0] + s * d[0] - p[0], a[1] + s * d[1] - p[1]))
-            top = p[2] - robots[k].body_height + robots[k].height
-            if off < robots[k].body_radius and a[2] + s * (c[2] - a[2]) < top:
-                return True
+            to = wp.vec2(p[0] - a[0], p[1] - a[1])
+            s = wp.dot(to, d) / length2
+            chord2 = robots[k].body_radius * robots[k].body_radius / length2 - wp.dot(to, to) / length2 + s * s
+            if chord2 > 0.0 and s + wp.sqrt(chord2) > 0.0 and s - wp.sqrt(chord2) < 1.0:
+                enter = wp.max(s - wp.sqrt(chord2), 0.0)
+                leave = wp.min(s + wp.sqrt(chord2), 1.0)
+                top = p[2] - robots[k].body_height + robots[k].height
+                if a[2] + wp.min(enter * (c[2] - a[2]), leave * (c[2] - a[2])) < top:
+                    return True
     return False
 
 
@@ -75,6 +79,12 @@ def look_at(
     return information
 
 
+@wp.func
+def powered(state: State, b: int, r: int) -> bool:
+    """Whether a robot in the world has power for its camera and hat."""
+    return present(state, b, r) and state.status[b, r] != DEPLETED
+
+
 @wp.kernel
 def see(
     state: State, command: Command, out: Measurements, robots: wp.array(dtype=RobotModel),
@@ -87,8 +97,7 @@ def see(
         return
     for j in range(robots.shape[0]):
         out.seen[b, i, j] = 0
-        both = present(state, b, i) and present(state, b, j) and state.status[b, i] != DEPLETED
-        if i != j and cameras[i].fitted == 1 and robots[j].leds > 0 and both:
+        if i != j and cameras[i].fitted == 1 and robots[j].leds > 0 and powered(state, b, i) and powered(state, b, j):
             information = look_at(state, command, robots, cameras, leds, model, ground, b, i, j)
             factor = cholesky6(information)
             key = state.key[b]

@@ -50,10 +50,10 @@ def meet_hazards(state: State, model: RobotModel, hazards: Hazards, b: int, r: i
     w = state.world[b]
     for k in range(hazards.first[w], hazards.first[w + 1]):
         d = hazard_distance(hazards, k, foot[0], foot[1])
-        if hazards.kind[k] == TRAP and d < model.contact_radius:
-            state.status[b, r] = TRAPPED
         if hazards.kind[k] == HOLE and d < 0.0:
             state.status[b, r] = SWALLOWED
+        if hazards.kind[k] == TRAP and d < model.contact_radius and state.status[b, r] == ACTIVE:
+            state.status[b, r] = TRAPPED
 
 
 @wp.func
@@ -80,8 +80,9 @@ def draw_power(state: State, command: Command, model: RobotModel, b: int, r: int
 
 @wp.func
 def sample_imu(
-    state: State, out: Measurements, model: RobotModel, b: int, r: int, t: int, R: wp.mat33, velocity: wp.vec3, dt: float
-):
+    state: State, out: Measurements, model: RobotModel, b: int, r: int, t: int, R: wp.mat33, velocity: wp.vec3,
+    dt: float,
+):  # fmt: skip
     """One IMU sample: rotation since ``R`` and the change to ``velocity`` since the last tick, plus bias and noise."""
     tick = state.tick[b] + t
     key = state.key[b]
@@ -119,7 +120,8 @@ def tick_robot(
         last = state.position[b, r]
         if state.status[b, r] == ACTIVE or state.status[b, r] == TRAPPED:
             spin_wheels(state, model, b, r, command.wheels[b, r], dt)
-        if restless(state, b, r):
+            out.wheels[b, r] = out.wheels[b, r] + state.wheels[b, r] / float(clock.substeps * clock.ticks)
+        if restless(state, ground.friction, b, r):
             drive(state, robots, ground, b, r, dt)
     if state.status[b, r] == ACTIVE:
         meet_hazards(state, model, ground.hazards, b, r)
@@ -128,7 +130,6 @@ def tick_robot(
     if state.status[b, r] != ACTIVE and state.status[b, r] != TRAPPED:
         state.wheels[b, r] = wp.vec2(0.0, 0.0)
     state.path[b, r] = state.path[b, r] + wp.length(state.position[b, r] - before)
-    out.wheels[b, r] = out.wheels[b, r] + state.wheels[b, r] / float(clock.ticks)
     sample_imu(state, out, model, b, r, t, R, (state.position[b, r] - last) / dt, clock.tick_s)
 
 
@@ -155,6 +156,6 @@ def advance(
         status = state.status[b, r]
         jitter = normal2(draw_key(state.key[b], state.tick[b], r, ENCODER_CHANNEL)) * model.odometry_noise
         out.wheels[b, r] = out.wheels[b, r] + wp.cw_mul(out.wheels[b, r], jitter)
-        out.battery[b, r] = 1.0 - float(spent[0] + spent[1] + spent[2] + spent[3]) / model.battery
+        out.battery[b, r] = wp.max(1.0 - float(spent[0] + spent[1] + spent[2] + spent[3]) / model.battery, 0.0)
         out.docked[b, r] = int(status == DOCKED)
         out.heard[b, r] = int(status != SWALLOWED and status != DEPLETED and state.collected[b, r] == 0)

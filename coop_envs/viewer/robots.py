@@ -28,6 +28,7 @@ from coop_envs.viewer.terrain import LOWEST_M
 SIGMAS = 2.0
 SIGHT_BLOCK_M = 0.08
 MIN_RADIUS_PX = 5.0
+COLLECTED_PX = 5.0
 MAX_TRAIL_POINTS = 500
 
 
@@ -135,7 +136,9 @@ def draw_robots(picture: Picture, view: View, frame: Frame) -> None:
     _draw_dock(picture, view, frame)
     colours = robot_colours(frame.role)
     placed = np.isfinite(shown_poses(frame)).all(axis=-1)
-    out = np.flatnonzero(placed & (frame.status != DOCKED)).tolist()
+    for i in np.flatnonzero(placed & frame.collected).tolist():
+        _draw_collected(picture, view, frame, i)
+    out = np.flatnonzero(placed & (frame.status != DOCKED) & ~frame.collected).tolist()
     for i in sorted(out, key=lambda i: frame.status[i] == ACTIVE):
         _draw_true_robot(picture, view, frame, i, colours[i])
     for i in out:
@@ -167,6 +170,14 @@ def _draw_true_robot(picture: Picture, view: View, frame: Frame, i: int, colour:
         draw_landmark(picture, centre, radius, INK)
     if not working:
         draw_cross(picture, centre, 0.45 * radius, PAPER, max(2, round(radius / 7)))
+
+
+def _draw_collected(picture: Picture, view: View, frame: Frame, i: int) -> None:
+    """A small cross where a robot was lost that has been taken away."""
+    centre = view.px(frame.true_xy_yaw[i, :2])
+    if np.isfinite(centre).all():
+        draw_cross(picture, centre, COLLECTED_PX, PAPER, 4)
+        draw_cross(picture, centre, COLLECTED_PX, mixed(LOST, INK, 0.5), 2)
 
 
 def _draw_believed_robot(picture: Picture, view: View, frame: Frame, i: int, colour: Rgb) -> None:

@@ -171,7 +171,9 @@ def test_rays_in_a_room_of_triangles_meet_its_walls():
     direction = unit(rng.normal(size=(3000, 3)))
     wall = np.where(direction > 0, [4.0, 3.0, 2.0], [0.0, 0.0, 0.0])
     expected = np.min((wall - start) / direction, axis=1)
-    np.testing.assert_allclose(cast(terrain_of(world_of(FLOOR, room)), start, direction), expected, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(
+        cast(terrain_of(world_of(FLOOR, room)), start, direction), expected, rtol=1e-5, atol=1e-5
+    )
 
 
 def test_meshes_with_overhangs_equal_trimesh():

@@ -21,6 +21,7 @@ def random_frame(time_s: float, seed: int, robots: int = 3) -> Frame:
         "belief_xy_yaw": poses[1],
         "belief_cov_xy": spread @ spread.swapaxes(1, 2),
         "stationary": rng.random(robots) < 0.5,
+        "collected": rng.random(robots) < 0.2,
         "fov_rad": np.where(np.arange(robots) == 0, 1.0, 0.0),
         "range_m": np.where(np.arange(robots) == 0, math.inf, 0.0),
         "body_radius_m": np.full(robots, 0.05),

@@ -59,6 +59,7 @@ class FakeTeam:
             belief_xy_yaw=np.zeros((n, 3)),
             belief_cov_xy=np.tile(1e-4 * np.eye(2), (n, 1, 1)),
             stationary=np.ones(n, dtype=np.bool_),
+            collected=np.zeros(n, dtype=np.bool_),
             fov_rad=np.ones(n),
             range_m=np.ones(n),
             body_radius_m=np.full(n, 0.05),

@@ -76,6 +76,7 @@ def episode(count: int = 120) -> list[Frame]:
                     "belief_xy_yaw": belief,
                     "belief_cov_xy": grow * turn @ cov @ turn.T,
                     "stationary": [k % 20 < 10, k % 20 >= 10, t > 0.7, False, False],
+                    "collected": [False] * 5,
                     "fov_rad": [1.05, 0, 0, 0, 0],
                     "range_m": [3.0, 0, 0, 0, 0],
                     "body_radius_m": [0.07, 0.05, 0.05, 0.05, 0.05],

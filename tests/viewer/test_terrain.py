@@ -66,6 +66,7 @@ def one_hazard_cell(T_world_map: tuple[float, float, float]) -> Frame:
         belief_xy_yaw=nobody.reshape(0, 3),
         belief_cov_xy=nobody.reshape(0, 2, 2),
         stationary=nobody.astype(bool),
+        collected=nobody.astype(bool),
         fov_rad=nobody,
         range_m=nobody,
         body_radius_m=nobody,

@@ -1,0 +1,78 @@
+"""`BeliefLoop`: from measurements and commands to beliefs, maps and observations, in simulation and on robots alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from coop_envs.agents.command import Command
+from coop_envs.agents.team import Team
+from coop_envs.estimation.estimator import Plan, TeamEstimator
+from coop_envs.estimation.settings import Estimation, MapSettings, Rates
+from coop_envs.mapping.ground_map import MapModel
+from coop_envs.observations import ViewModel, allocate_observations, observe
+from coop_envs.sensing.measurements import Measurements
+
+
+@dataclass(frozen=True)
+class BeliefSettings:
+    """What a host has to know beforehand to hold a team's belief; ``map_shape`` is cells along x and y."""
+
+    team: Team
+    rates: Rates
+    estimation: Estimation
+    map: MapSettings
+    time_limit_s: float
+    map_shape: tuple[int, int]
+
+
+class BeliefLoop:
+    """Beliefs, maps and observations of B teams, a function of plans, ``measurements`` and ``command`` alone.
+
+    Teams whose ``running`` (B,) is 0 stay as they are.
+    """
+
+    def __init__(
+        self,
+        settings: BeliefSettings,
+        measurements: Measurements,
+        command: Command,
+        running: wp.array,
+        device: str,
+    ) -> None:
+        teams, n = running.shape[0], len(settings.team.members)
+        self.map_model = _map_model(settings)
+        self.estimator = TeamEstimator(
+            settings.team, settings.rates, settings.estimation, self.map_model, measurements, command, running, device
+        )
+        self.belief, self.map, self.plans = self.estimator.belief, self.estimator.map, self.estimator.plans
+        self.observations = allocate_observations(teams, n, device)
+        seen = [self.belief, self.map, self.map_model, _view_model(settings), self.estimator.members]
+        inputs = [*seen, measurements.gyro, self.observations]
+        self._observe = wp.launch(observe, (teams, n), inputs=inputs, device=device, record_cmd=True)
+
+    def reset(self, chosen: NDArray[np.int32], plan: Plan) -> None:
+        """Start the beliefs and maps of the teams with ``chosen`` 1 (B,) anew."""
+        self.estimator.reset(chosen, plan)
+
+    def step(self) -> None:
+        """Take in one decision's measurements and the command under which they were made."""
+        self.estimator.step()
+        self._observe.launch()
+
+
+def _map_model(settings: BeliefSettings) -> MapModel:
+    model = MapModel()
+    model.nx, model.ny = settings.map_shape
+    model.cell, model.mark_radius = settings.map.cell_m, settings.estimation.hazard_mark_m
+    return model
+
+
+def _view_model(settings: BeliefSettings) -> ViewModel:
+    view = ViewModel()
+    view.stride, view.time_limit = settings.map.ego_stride, settings.time_limit_s
+    view.decision, view.stuck = settings.rates.decision_s, settings.estimation.stuck_s
+    return view
