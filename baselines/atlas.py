@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coop_envs.mapping.planning import BeliefGrid
+from coop_envs.mapping.planning import UNKNOWN, BeliefGrid
 
-UNKNOWN, FREE = 128, 64
+FREE = 64
 SPARE_CELLS = 16
 SAME_LOSS_M = 0.08
 BUMP_OF_LOST_M = 0.15
@@ -102,11 +102,13 @@ class Atlas:
         self._losses.append(xy_m)
         self._layers[3][self.grid.within((*xy_m, BUMP_OF_LOST_M))] = 0
 
-    def include(self, points_m: ArrayLike) -> None:
-        """Make room for points (k, 2), unknown until a window shows them."""
-        cells = np.floor(np.asarray(points_m) / self.cell_m).astype(int)
+    def survey_around(self, points_m: ArrayLike, margin_m: float) -> Survey:
+        """What is known around points (k, 2), all of which lie within; views, as in `survey`."""
+        points = np.asarray(points_m)
+        cells = np.floor(points / self.cell_m).astype(int)
         (i, j), (n, m) = cells.min(axis=0).tolist(), (np.ptp(cells, axis=0) + 1).tolist()
         self._room_for(i, j, n, m)
+        return self.survey.around(points, margin_m)
 
     def at(self, points_m: NDArray[np.float64]) -> NDArray[np.uint8]:
         """P(ground), P(obstacle), failures and bumps (4, k) at points (k, 2); unknown beyond the grid."""

@@ -30,7 +30,8 @@ LOOK_S, WAIT_S, UNSURE_S = 2.0, 3.0, 6.0
 STRAYED_M = 0.03  # off the path by more, the observer stops and plans anew
 CHECK_EVERY = 5  # decisions between two looks at whether the way ahead still is safe
 NEAR_SAMPLES, TOLERANCE_M = 5, 0.005  # of the way ahead: what is under the robot already, and rounding of cells
-GAP_M = 0.03  # between two bodies
+MARGIN_M = 0.3  # of unknown ground around what is known in which ways are looked for
+GAP_M = 0.02  # between two bodies
 
 
 class ObserverPlanner:
@@ -44,19 +45,19 @@ class ObserverPlanner:
         leader = team.members[0].robot
         mates_radius_m = max((member.robot.body_radius_m for member in team.members[1:]), default=0.0)
         self.footprint = Footprint(leader.contact_radius_m, leader.body_radius_m)
-        self._apart_m = leader.body_radius_m + mates_radius_m + GAP_M
+        self.apart_m = leader.body_radius_m + mates_radius_m + GAP_M
         self._collects_lost = team.collects_lost
-        self._set_down: Disc = (0.0, 0.0, self._apart_m)
+        self._set_down: Disc = (0.0, 0.0, self.apart_m)
 
     def routes(self, view: TeamView, atlas: Atlas, among_scouts: bool) -> SafeRoutes:
         """All routes from where the observer stands; ``among_scouts`` keeps clear of live scouts, too."""
-        survey = self._trusting(atlas)
+        survey = self._trusting(view, atlas)
         scouts = [scout.xy for scout in view.scouts] if among_scouts else []
         return SafeRoutes(survey.grid, view.leader.xy, self.footprint, self._bodies(survey, scouts))
 
     def clearance(self, view: TeamView, atlas: Atlas) -> Clearance:
         """Clearance of the observer as things are now, a little more lenient with other robots than routes are."""
-        survey = self._trusting(atlas)
+        survey = self._trusting(view, atlas)
         bodies = self._bodies(survey, [scout.xy for scout in view.scouts])
         return Clearance(survey.grid, self.footprint, tuple((x, y, radius - GAP_M) for x, y, radius in bodies))
 
@@ -64,18 +65,18 @@ class ObserverPlanner:
         """What the way to the goal still needs; None without a goal, or if nothing is left to hope for."""
         if view.goal is None:
             return None
-        ends = (view.leader.xy, view.goal)
-        atlas.include(np.array(ends))
-        survey = self._trusting(atlas)
-        return find_prospect(survey, *ends, self.footprint, self._bodies(survey, []))
+        survey = self._trusting(view, atlas)
+        return find_prospect(survey, view.leader.xy, view.goal, self.footprint, self._bodies(survey, []))
 
-    def _trusting(self, atlas: Atlas) -> Survey:
-        survey = atlas.survey
+    def _trusting(self, view: TeamView, atlas: Atlas) -> Survey:
+        """What is known, and the observer and its goal, with room around; the ground at the start is trusted."""
+        ends = [view.leader.xy] if view.goal is None else [view.leader.xy, view.goal]
+        survey = atlas.survey_around(np.vstack([atlas.grid.known(), ends]), MARGIN_M)
         return replace(survey, grid=survey.grid.trusting(self._set_down))
 
     def _bodies(self, survey: Survey, scouts: list[Point]) -> tuple[Disc, ...]:
         lost = [] if self._collects_lost else survey.losses
-        return tuple((x, y, self._apart_m) for x, y in (*lost, *scouts))
+        return tuple((x, y, self.apart_m) for x, y in (*lost, *scouts))
 
 
 class Crossing:

@@ -25,14 +25,17 @@ class Drive:
 
 
 STILL = Drive()
+_HOLD = np.array([1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 1.0], dtype=np.float32)
 
 
 def action(drive: Drive, member: Member) -> NDArray[np.float32]:
     """The action (8,) for a drive; standing still is an explicit hold. LEDs are lit fully, the laser stays off."""
-    forward = min(1.0, max(-1.0, drive.forward_m_s / member.cruise_speed_m_s))
-    turn = min(1.0, max(-1.0, drive.turn_rad_s / member.cruise_yaw_rate_rad_s))
-    hold = 1.0 if drive == STILL else -1.0
-    return np.array([hold, forward, turn, 0.0, -1.0, 0.0, 0.0, 1.0], dtype=np.float32)
+    answer = _HOLD.copy()
+    if drive != STILL:
+        answer[0] = -1.0
+        answer[1] = min(1.0, max(-1.0, drive.forward_m_s / member.cruise_speed_m_s))
+        answer[2] = min(1.0, max(-1.0, drive.turn_rad_s / member.cruise_yaw_rate_rad_s))
+    return answer
 
 
 def turn_to(bearing_rad: float, turn_rad_s: float) -> Drive:

@@ -60,7 +60,7 @@ class Expedition:
         self._team, self._scouting = team, scouting
         self._members = dict(zip(team.names, team.members, strict=True))
         self._footprints = {
-            name: Footprint(member.robot.contact_radius_m, member.robot.body_radius_m)
+            name: Footprint(member.robot.contact_radius_m, member.robot.body_radius_m, margin_m=0.0)
             for name, member in self._members.items()
         }
         self._planner = ObserverPlanner(team)
@@ -143,9 +143,9 @@ class Expedition:
         if goal is None:
             return None
         routes = self._planner.routes(self._view, self.atlas, among_scouts)
-        cell = routes.nearest_to(goal, max(GOAL_NEAR_M, 0.71 * self._team.cell_m))
-        path = None if cell is None else routes.path_to(cell)
-        if path is not None and routes.clearance.along(path[-1], np.asarray(goal)) > 0.0:
+        node = routes.nearest_to(goal, max(GOAL_NEAR_M, 0.71 * self._team.cell_m))
+        path = None if node is None else routes.path_to(node)
+        if path is not None and routes.clearance.along(path[-1], np.array([goal]))[0] > 0.0:
             path = np.vstack([path, goal])
         return path
 
@@ -161,7 +161,7 @@ class Expedition:
         """Send the pickets to where the observer will see them on its way."""
         routes = {s.name: SafeRoutes(self.atlas.grid, s.xy, self._footprints[s.name]) for s in self._view.scouts}
         follower = PathFollower(path, 0.05)
-        posts = choose_posts(routes, self._view.scouts, follower.points[::5], self._half_view_rad, 0.17)
+        posts = choose_posts(routes, self._view.scouts, follower.points[::5], self._half_view_rad, self._planner.apart_m)
         if posts:
             yield from self._face(np.mean(list(posts.values()), axis=0))
             yield from self._send(posts)
@@ -187,7 +187,7 @@ class Expedition:
             yield {s.name: drivers[s.name].go(s, ways[s.name].target(s.xy)) for s in going}
 
     def _way(self, name: str, start: Point, end: Point) -> PathFollower:
-        survey = self.atlas.survey.around(np.array([start, end]), 8 * self.atlas.cell_m)
+        survey = self.atlas.survey_around([start, end], 0.5)
         return PathFollower(scouting_way(survey, start, end, self._footprints[name], None), 0.06)
 
     def _drive_observer(self, path: NDArray[np.float64]) -> Generator[Drives, None, bool]:
@@ -211,18 +211,17 @@ class Expedition:
 
     def _advance(self) -> Iterator[Drives]:
         """Turn to where more unknown ground is in view, or go where there would be more."""
-        leader, grid = self._view.leader, self.atlas.grid
-        worth = worth_exploring(grid, None if self._prospect is None else self._prospect.needed)
+        leader, routes = self._view.leader, self._planner.routes(self._view, self.atlas, among_scouts=True)
+        worth = worth_exploring(routes.grid, None if self._prospect is None else self._prospect.needed)
         self._headings.append(leader.yaw)
-        heading, gain = best_heading(grid, worth, leader.xy, self._half_view_rad, self._headings)
-        routes = self._planner.routes(self._view, self.atlas, among_scouts=True)
-        cell, around = best_stand(routes, worth, [*self._stands, leader.xy])
-        path = None if cell is None else routes.path_to(cell)
+        heading, gain = best_heading(routes.grid, worth, leader.xy, self._half_view_rad, self._headings)
+        node, around = best_stand(routes, worth, [*self._stands, leader.xy])
+        path = None if node is None else routes.path_to(node)
         if path is not None and around * self._half_view_rad / math.pi > gain:
             self._stands.append(leader.xy)
             self._headings.clear()
             yield from self._drive_observer(path)
-            heading, _ = best_heading(grid, worth, self._view.leader.xy, self._half_view_rad, [])
+            heading, _ = best_heading(routes.grid, worth, self._view.leader.xy, self._half_view_rad, [])
         yield from self._turn(heading)
         self._scouting.move_on()
 

@@ -36,7 +36,7 @@ EDGE_PX = 24.0
 HAZARD_SHARE, PROVEN_SHARE = 0.02, 0.1
 EXACTLY_M, INWARD_M = 0.015, 0.02
 CAREFUL = 0.5  # of the cruise speed, over ground that is not proven
-LOOKAHEAD_M = 0.06
+LOOKAHEAD_M, DETOUR_M = 0.06, 0.5
 OFF_M = 0.06  # off its way by more, something keeps a picket from it
 ROBOT_M = 0.12  # what stops a picket this near to a robot is the robot
 
@@ -218,9 +218,7 @@ class GridScouting:
         return cell, (float(place[0]), float(place[1])), (float(goal[0]), float(goal[1]))
 
     def _route(self, scout: RobotView, goal: Point, atlas: Atlas, prospect: Prospect | None) -> PathFollower:
-        ends = np.array([scout.xy, goal])
-        atlas.include(ends)
-        survey = atlas.survey.around(ends, 8 * atlas.cell_m)
+        survey = atlas.survey_around([scout.xy, goal], DETOUR_M)
         robot = self._members[scout.name].robot
         footprint = Footprint(robot.contact_radius_m, robot.body_radius_m)
         return PathFollower(scouting_way(survey, scout.xy, goal, footprint, prospect), LOOKAHEAD_M)

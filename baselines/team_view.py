@@ -29,7 +29,6 @@ class RobotView:
     yaw: float
     sigma_m: float
     stationary: bool
-    docked: bool
     in_view: bool
     window_m: tuple[float, float]
 
@@ -80,13 +79,13 @@ def read_team(observations: Observations, team: TeamDescription) -> TeamView | N
     if leader_name not in observations:
         return None
     leader, values = _read_robot(leader_name, observations[leader_name])
-    scouts = [_read_robot(name, observations[name])[0] for name in team.names[1:] if name in observations]
+    others = [(name, observations[name]) for name in team.names[1:] if name in observations]
     goal = None
     if values[_SELF["goal_known"]] > 0.5:
         goal = _to_team(leader, values[_SELF["goal_x"]], values[_SELF["goal_y"]])
     return TeamView(
         leader=leader,
-        scouts=tuple(scout for scout in scouts if not scout.docked),
+        scouts=tuple(_read_robot(name, seen)[0] for name, seen in others if seen["self"][_SELF["docked"]] < 0.5),
         landmarks=_read_landmarks(leader, observations[leader_name]),
         goal=goal,
         time_left_s=values[_SELF["time_left"]] * team.time_limit_s,
@@ -109,7 +108,6 @@ def _read_robot(name: str, observation: dict[str, np.ndarray]) -> tuple[RobotVie
         yaw=math.atan2(values[_SELF["sin_yaw"]], values[_SELF["cos_yaw"]]),
         sigma_m=math.exp(values[_SELF["log_sigma_position"]]),
         stationary=values[_SELF["stationary"]] > 0.5,
-        docked=values[_SELF["docked"]] > 0.5,
         in_view=bool(seen.max() > 0.5),
         window_m=(values[_SELF["map_x"]], values[_SELF["map_y"]]),
     )

@@ -307,6 +307,7 @@ def open_account(
     for cell in range(map_model.nx * map_model.ny):
         if (truth_of(truth, state.world[b], state.frame[b], ground, map_model, b, cell) & REACHABLE) != 0:
             score.reachable[b] = score.reachable[b] + 1
+            score.mapped[b] = score.mapped[b] + int(int(ground.log_odds[b, GROUND, cell]) >= MAPPED)
     for r in range(score.alive.shape[1]):
         score.alive[b, r] = 1
         score.prior[b, r] = state.status[b, r]

@@ -162,8 +162,9 @@ class ExplorationVectorEnv(VectorEnv[TeamObservations, NDArray[np.float32], NDAr
         return TERMS
 
     def _observe(self) -> TeamObservations:
-        arrays = {key: array.copy() for key, array in observation_arrays(self.batch.observations).items()}
-        return arrays | {"alive": self.batch.score.alive.numpy().astype(np.int8)}
+        arrays = observation_arrays(self.batch.observations)
+        arrays |= {"alive": self.batch.score.alive.numpy().astype(np.int8)}
+        return {name: self._filled(array) for name, array in arrays.items()}
 
     def torch(self) -> dict[str, Any]:
         """The device arrays of actions, observations, rewards and ends as torch tensors that share their memory.

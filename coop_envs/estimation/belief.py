@@ -56,9 +56,9 @@ class Belief:
         (B, N) sightings of the robot that failed the gate in a row.
     tried_s, turn_tried, turn_felt, anchor
         (B, N) since the last motion that was noticed: seconds of driving, turn by the wheels and by the gyro (rad), and
-        where that was (x, y).
+        where a camera saw it first (x, y, 1 once it did).
     spinning
-        (B, N) 1 from when the wheels contradicted the IMU until the robot rests or a camera sees it move.
+        (B, N) 1 while the wheels seem to spin on a robot held fast.
     battery
         (B, N) remaining fraction.
     marked, undock
@@ -90,7 +90,7 @@ class Belief:
     tried_s: wp.array2d(dtype=float)
     turn_tried: wp.array2d(dtype=float)
     turn_felt: wp.array2d(dtype=float)
-    anchor: wp.array2d(dtype=wp.vec2)
+    anchor: wp.array2d(dtype=wp.vec3)
     spinning: wp.array2d(dtype=int)
     battery: wp.array2d(dtype=float)
     marked: wp.array2d(dtype=int)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import warp as wp
 
 from coop_envs.estimation.belief import ACCEL, GYRO, THETA, VELOCITY, Belief, MemberModel
-from coop_envs.estimation.kalman import GATE_THREE, NO_GATE, correct_pair
-from coop_envs.estimation.propagation import FilterModel
+from coop_envs.estimation.kalman import GATE_ONE, NO_GATE, correct_pair
+from coop_envs.estimation.propagation import FilterModel, block3
 from coop_envs.estimation.sightings import fuse_sightings
 from coop_envs.sensing.measurements import Measurements
 from coop_envs.sensing.poses import mat66d
@@ -16,6 +16,7 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 REST_SETTLED_S = wp.constant(2.0)
 REST_EVERY = wp.constant(10)
 SPINNING_S = wp.constant(0.7)
+HELD_SHARE = wp.constant(0.2)
 ODOMETRY_FLOOR_M_S = wp.constant(0.004)
 
 
@@ -50,6 +51,24 @@ def correct_rest(
 
 
 @wp.func
+def contradicts(belief: Belief, b: int, r: int, excess: wp.float64, sigma: wp.float64) -> bool:
+    """Whether the wheels' speed exceeds the body's by more than its variance and a slip of ``sigma`` can explain."""
+    R = belief.rotation[b, r]
+    ahead = wp.vec3d(R[0, 0], R[1, 0], R[2, 0])
+    row = 15 * belief.slot[b, r] + VELOCITY
+    variance = sigma * sigma
+    for k in range(3):
+        variance = variance + ahead[k] * wp.dot(block3(belief.covariance, b, row, row + k), ahead)
+    return excess * excess > GATE_ONE * variance
+
+
+@wp.func
+def tried_in_sight(belief: Belief, b: int, r: int) -> bool:
+    """Whether a robot's wheels have turned for a while under a camera's eye without moving it."""
+    return belief.tried_s[b, r] > SPINNING_S and belief.unseen_s[b, r] < SPINNING_S
+
+
+@wp.func
 def correct_odometry(
     belief: Belief, measured: Measurements, member: MemberModel, model: FilterModel, rows: wp.array3d(dtype=wp.float64),
     b: int, r: int,
@@ -57,28 +76,33 @@ def correct_odometry(
     """Wheels give the body's mean forward speed over the decision and say that it moves neither sideways nor up.
 
     Both sides slip on their own, and slip wanders slower than decisions follow each other, so its variance counts
-    2 tau / T times. Not in the thesis, whose filter has no odometry: it bounds the IMU's drift while no landmark is in
-    sight. A wheel that spins on a robot held fast is thrown out by the gate, and then not listened to any more.
+    2 tau / T times. Wheels that turn while the IMU tells of standing spin on a robot held fast: from then on it is taken
+    to stand, give or take a share of the wheels' speed, until the IMU tells of going. Not in the thesis, whose filter
+    has no odometry: it bounds the IMU's drift while no landmark is in sight.
     """
     o = 15 * belief.slot[b, r]
     rim = measured.wheels[b, r] * member.wheel_radius
-    speed = 0.5 * (rim[0] + rim[1])
-    slip = member.slip * wp.sqrt(2.0 * member.slip_time / model.decision_s)
-    share = wp.sqrt(slip * slip + member.odometry_noise * member.odometry_noise)
-    noise = wp.float64((ODOMETRY_FLOOR_M_S + share * 0.5 * wp.length(rim)) * model.odometry_scale)
+    pace = 0.5 * wp.length(rim) * model.odometry_scale
+    floor = ODOMETRY_FLOOR_M_S * model.odometry_scale
     Rt = wp.transpose(belief.rotation[b, r])
     v = belief.velocity[b, r]
-    zero = wp.float64(0.0)
-    residual = wp.vec3d(wp.float64(speed), zero, zero) - (Rt * v - belief.lag[b, r])
-    variance = wp.vec3d(noise * noise, noise * noise, noise * noise)
-    if not correct_pair(belief, rows, b, Rt * wp.skew(v), o + THETA, Rt, o + VELOCITY, residual, variance, GATE_THREE):
+    mean = Rt * v - belief.lag[b, r]
+    speed = wp.float64(0.5 * (rim[0] + rim[1]))
+    rolls = wp.abs(speed - mean[0]) < wp.abs(mean[0])
+    now = wp.float64(floor + pace * wp.length(wp.vec2(member.slip, member.odometry_noise)))
+    if rolls:
+        belief.spinning[b, r] = 0
+    elif contradicts(belief, b, r, speed - mean[0], now) or tried_in_sight(belief, b, r):
         belief.spinning[b, r] = 1
-
-
-@wp.func
-def spins_in_sight(belief: Belief, b: int, r: int) -> bool:
-    """Whether a robot's wheels have turned for a while under a camera's eye without moving it."""
-    return belief.tried_s[b, r] > SPINNING_S and belief.unseen_s[b, r] < SPINNING_S
+    slip = member.slip * wp.sqrt(2.0 * member.slip_time / model.decision_s)
+    noise = floor + pace * wp.length(wp.vec2(slip, member.odometry_noise))
+    if belief.spinning[b, r] == 1:
+        speed = wp.float64(0.0)
+        noise = floor + pace * HELD_SHARE
+    variance = wp.float64(noise * noise)
+    residual = wp.vec3d(speed, wp.float64(0.0), wp.float64(0.0)) - mean
+    variances = wp.vec3d(variance, variance, variance)
+    correct_pair(belief, rows, b, Rt * wp.skew(v), o + THETA, Rt, o + VELOCITY, residual, variances, NO_GATE)
 
 
 @wp.func
@@ -113,7 +137,7 @@ def fuse(
             if belief.stationary[b, r] == 1:
                 if belief.rest_s[b, r] < REST_SETTLED_S or belief.clock[b] % REST_EVERY == 0:
                     correct_rest(belief, measured, members[r], model, rows, b, r)
-            elif belief.spinning[b, r] == 0 and not spins_in_sight(belief, b, r):
+            else:
                 correct_odometry(belief, measured, members[r], model, rows, b, r)
     for i in range(n):
         if members[i].camera == 1:

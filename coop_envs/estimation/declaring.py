@@ -48,12 +48,23 @@ def position_sigma(belief: Belief, b: int, r: int) -> float:
 
 @wp.func
 def forget_trying(belief: Belief, b: int, r: int):
-    """A motion was noticed: start counting anew from here."""
+    """A motion was noticed: start counting anew."""
     belief.tried_s[b, r] = 0.0
     belief.turn_tried[b, r] = 0.0
     belief.turn_felt[b, r] = 0.0
+    belief.anchor[b, r] = wp.vec3()
+
+
+@wp.func
+def seen_to_shift(belief: Belief, b: int, r: int) -> bool:
+    """Whether a camera sees the robot now away from where one saw it first since its last motion."""
+    if belief.unseen_s[b, r] > 0.0:
+        return False
     p = belief.position[b, r]
-    belief.anchor[b, r] = wp.vec2(float(p[0]), float(p[1]))
+    here = wp.vec3(float(p[0]), float(p[1]), 1.0)
+    if belief.anchor[b, r][2] == 0.0:
+        belief.anchor[b, r] = here
+    return wp.length(here - belief.anchor[b, r]) > wp.clamp(2.0 * position_sigma(belief, b, r), SHIFT_M, MUCH_SHIFT_M)
 
 
 @wp.func
@@ -65,18 +76,15 @@ def count_trying(belief: Belief, measured: Measurements, member: MemberModel, mo
     if wp.abs(drive) < DRIVE_M_S and wp.abs(turn) < TURN_RAD_S:
         return
     belief.tried_s[b, r] = belief.tried_s[b, r] + model.decision_s
+    ticks = measured.gyro.shape[2]
+    rate = float(0.0)
+    for t in range(ticks):
+        rate = rate + measured.gyro[b, r, t][2] / float(ticks)
+    rate = rate - float(belief.gyro_bias[b, r][2])
+    belief.turn_felt[b, r] = belief.turn_felt[b, r] + wp.abs(rate) * model.decision_s
     if wp.abs(turn) > TURN_RAD_S:
-        ticks = measured.gyro.shape[2]
-        rate = float(0.0)
-        for t in range(ticks):
-            rate = rate + measured.gyro[b, r, t][2] / float(ticks)
-        rate = rate - float(belief.gyro_bias[b, r][2])
         belief.turn_tried[b, r] = belief.turn_tried[b, r] + wp.abs(turn) * model.decision_s
-        belief.turn_felt[b, r] = belief.turn_felt[b, r] + wp.sign(turn) * rate * model.decision_s
-    p = belief.position[b, r]
-    shift = wp.length(wp.vec2(float(p[0]), float(p[1])) - belief.anchor[b, r])
-    noticeable = wp.clamp(2.0 * position_sigma(belief, b, r), SHIFT_M, MUCH_SHIFT_M)
-    shifted = shift > noticeable and belief.unseen_s[b, r] < IN_SIGHT_S
+    shifted = seen_to_shift(belief, b, r)
     turned = belief.turn_felt[b, r] > wp.max(TURN_NOTICED * belief.turn_tried[b, r], 0.05)
     if shifted:
         belief.spinning[b, r] = 0

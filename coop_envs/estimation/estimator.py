@@ -17,7 +17,7 @@ from coop_envs.estimation.joining import Plans, Prior, begin
 from coop_envs.estimation.propagation import FilterModel, propagate
 from coop_envs.estimation.settings import Estimation, Rates
 from coop_envs.geometry.arrays import allocate
-from coop_envs.mapping.ground_map import Footprint, GroundMap, MapModel, allocate_map, clear_map, draw_footprint
+from coop_envs.mapping.ground_map import Footprint, GroundMap, MapModel, allocate_map, begin_map, draw_footprint
 from coop_envs.sensing.measurements import Measurements
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
@@ -84,6 +84,7 @@ class TeamEstimator:
     ) -> None:
         teams, n = running.shape[0], len(team.members)
         self.device, self.teams = device, teams
+        self._map_model, self._known_m = map_model, settings.start_ground_m
         self.members = member_models(team, device)
         self.belief = allocate_belief(team, teams, device)
         reach_m = map_model.mark_radius + max(map_model.mark_radius, *(m.robot.body_radius_m for m in team.members))
@@ -113,7 +114,8 @@ class TeamEstimator:
         corner = wp.array(plan.corner, dtype=wp.vec2, device=self.device)
         begun = [self.belief, self.plans, self._prior, self.members, mask]
         wp.launch(begin, self.teams, inputs=begun, device=self.device)
-        wp.launch(clear_map, self.teams, inputs=[self.map, corner, mask], device=self.device)
+        charted = [self.map, self._map_model, corner, self.plans.start, self._known_m, mask]
+        wp.launch(begin_map, self.teams, inputs=charted, device=self.device)
 
     def step(self) -> None:
         """Take in one decision's measurements and the command under which they were made."""

@@ -109,7 +109,7 @@ def join(belief: Belief, prior: Prior, model: MemberModel, b: int, r: int, pose:
     belief.tried_s[b, r] = 0.0
     belief.turn_tried[b, r] = 0.0
     belief.turn_felt[b, r] = 0.0
-    belief.anchor[b, r] = wp.vec2(pose[0], pose[1])
+    belief.anchor[b, r] = wp.vec3()
     belief.undock[b, r] = 0
     if slot == NO_SLOT:
         return

@@ -14,7 +14,7 @@ from coop_envs.sensing.poses import cholesky6, mat66d, vec6d
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
-GATE_THREE = wp.constant(wp.float64(16.27))
+GATE_ONE = wp.constant(wp.float64(6.63))
 GATE_SIX = wp.constant(wp.float64(22.46))
 NO_GATE = wp.constant(wp.float64(1.0e30))
 

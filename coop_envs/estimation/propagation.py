@@ -17,7 +17,6 @@ from coop_envs.sensing.measurements import Measurements
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 STILL_RAD_S = wp.constant(1.0e-3)
-SHAKING_RAD_S = wp.constant(0.05)
 QUIET_GYRO = wp.constant(wp.float64(0.02))
 QUIET_ACCEL = wp.constant(wp.float64(0.25))
 
@@ -245,7 +244,7 @@ def propagate(
             else:
                 phi = integrate(belief, measured, model, b, r)
                 shake = wp.float64(0.0)
-                if wp.length(measured.wheels[b, r]) > SHAKING_RAD_S:
+                if wp.length(measured.wheels[b, r]) > STILL_RAD_S:
                     shake = wp.float64(1.0)
                 propagate_covariance(belief, b, slot, phi)
                 add_noise(belief, members[r], b, slot, phi, shake)

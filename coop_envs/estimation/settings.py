@@ -32,7 +32,7 @@ class Estimation:
     """Settings of the team filter and of what it declares (stationary, stuck, lost).
 
     ``start_*`` say how exactly people set robots down and how level the ground is there: standard deviations, which the
-    filter starts from. ``slip_*`` are the random walk of a robot at rest.
+    filter starts from; within ``start_ground_m`` of there they have seen the ground carry a robot. ``slip_*`` are the random walk of a robot at rest.
     """
 
     __pydantic_config__ = STRICT
@@ -47,6 +47,7 @@ class Estimation:
     start_height_m: float = 0.02
     start_yaw_rad: float = 0.06
     start_tilt_rad: float = 0.05
+    start_ground_m: float = 0.10
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

@@ -145,8 +145,15 @@ def probability(log_odds: wp.int8) -> float:
 
 
 @wp.kernel
-def clear_map(ground: GroundMap, corner: wp.array(dtype=wp.vec2), chosen: wp.array(dtype=int)):
-    """Forget the maps of the chosen teams and put their lower corners."""
+def begin_map(
+    ground: GroundMap,
+    model: MapModel,
+    corner: wp.array(dtype=wp.vec2),
+    start: wp.array2d(dtype=wp.vec3),
+    known_radius: float,
+    chosen: wp.array(dtype=int),
+):
+    """Start the maps of the chosen teams anew: nothing is known but the ground on which people set the robots down."""
     b = wp.tid()
     ground.change_count[b] = 0
     if chosen[b] == 0:
@@ -157,3 +164,8 @@ def clear_map(ground: GroundMap, corner: wp.array(dtype=wp.vec2), chosen: wp.arr
             ground.log_odds[b, layer, c] = wp.int8(0)
     for r in range(ground.proven_at.shape[1]):
         ground.proven_at[b, r] = wp.vec3(0.0, 0.0, 0.0)
+        at = wp.vec2(start[b, r][0], start[b, r][1])
+        nowhere = wp.vec2(1.0e9, 1.0e9)
+        stamp(ground, model, b, GROUND, at, known_radius, nowhere, 0.0, PASSED)
+        stamp(ground, model, b, OBSTACLE, at, known_radius, nowhere, 0.0, -PASSED)
+    ground.change_count[b] = 0

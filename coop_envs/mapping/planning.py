@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+UNKNOWN = 128
 PROVEN = 230  # P(ground carries robots) in 255ths from which a cell counts as proven
 HAZARD = 100  # ... below which it counts as a hazard
 BLOCKED = 166  # P(obstacle) in 255ths from which a cell counts as an obstacle
@@ -24,6 +25,7 @@ Node = tuple[int, int]
 
 COMFORT_M = 0.10  # a robot with this much clearance pays nothing for being near an edge
 SHYNESS = 3.0  # what a metre along the very edge of the proven ground costs above one in the open, in metres
+LINE_STEP_M = 0.01
 ENTRY_CELLS = 2.2  # how far from the robot its first safe node may lie
 
 
@@ -76,6 +78,10 @@ class BeliefGrid:
         corner = (x + cells[0].start * self.cell_m, y + cells[1].start * self.cell_m)
         return BeliefGrid(self.ground[cells], self.obstacle[cells], corner, self.cell_m)
 
+    def known(self) -> Points:
+        """Centres (k, 2) of the cells of which anything is known."""
+        return self.centres((self.ground != UNKNOWN) | (self.obstacle != UNKNOWN))
+
     def trusting(self, disc: Disc) -> BeliefGrid:
         """The grid with unknown cells in a disc taken as proven; hazards stay hazards."""
         unknown = (self.ground > HAZARD) & (self.ground < PROVEN)
@@ -125,10 +131,12 @@ class Clearance:
             spare = np.minimum(spare, np.hypot(points[:, 0] - x, points[:, 1] - y) - radius)
         return spare
 
-    def along(self, start: Points, end: Points) -> float:
-        """The least clearance in metres on the straight line between two points."""
-        steps = max(2, int(np.ceil(np.hypot(*(end - start)) / 0.01)) + 1)
-        return float(self(start + np.linspace(0.0, 1.0, steps)[:, None] * (end - start)).min())
+    def along(self, start: Points, ends: Points) -> NDArray[np.float64]:
+        """The least clearance (k,) in metres on the straight lines from one point to others (k, 2)."""
+        way = ends - start
+        steps = max(2, int(np.ceil(np.hypot(way[:, 0], way[:, 1]).max() / LINE_STEP_M)) + 1)
+        lines = start + np.linspace(0.0, 1.0, steps)[:, None, None] * way
+        return self(lines.reshape(-1, 2)).reshape(steps, len(ends)).min(axis=0)
 
 
 class SafeRoutes:
@@ -167,8 +175,10 @@ class SafeRoutes:
         nodes = np.argwhere(self.spare_m > 0.0)
         places = self.positions(nodes)
         near = np.hypot(*(places - self.start_m).T) < ENTRY_CELLS * self.grid.cell_m
-        pairs = zip(nodes[near].tolist(), places[near], strict=True)
-        return [(a, b) for (a, b), place in pairs if self.clearance.along(self.start_m, place) >= least]
+        nodes, places = nodes[near], places[near]
+        if not len(nodes):
+            return []
+        return [(a, b) for a, b in nodes[self.clearance.along(self.start_m, places) >= least].tolist()]
 
     def nearest_to(self, goal_m: ArrayLike, radius_m: float) -> Node | None:
         """The reachable node nearest to a goal, if it lies within the goal's radius."""
@@ -191,7 +201,7 @@ class SafeRoutes:
         spare = self.clearance(points)
         kept = [0]
         for k in range(2, len(points)):
-            if self.clearance.along(points[kept[-1]], points[k]) < spare[kept[-1] : k + 1].min():
+            if self.clearance.along(points[kept[-1]], points[k : k + 1])[0] < spare[kept[-1] : k + 1].min():
                 kept.append(k - 1)
         return points[[*kept, len(points) - 1]]
 

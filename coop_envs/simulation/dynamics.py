@@ -21,6 +21,8 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 RIM_POINTS = wp.constant(12)
 RIM_COS, RIM_SIN = wp.constant(0.8660254037844387), wp.constant(0.5)
 ABYSS = wp.constant(-100.0)
+ONE_SIDE, BOTH_SIDES = wp.constant(1), wp.constant(2)
+SINKING = wp.constant(0.25)
 SLIDE_M_S = wp.constant(1.0)
 
 
@@ -57,29 +59,30 @@ def footing(terrain: Terrain, w: int, model: RobotModel, at: wp.vec2, below: flo
         foot.height = below
         foot.normal = wp.vec3(0.0, 0.0, 1.0)
         return foot
+    sinking = below - centre > SINKING * model.drop_depth
     level = centre
-    if below - centre > model.max_drop:
+    if below - centre > model.drop_depth:
         level = below
     total = level
     count = float(1.0)
-    hanging = int(0)
+    edges = int(0)
     tilt = wp.vec2(0.0, 0.0)
     ray = wp.vec2(1.0, 0.0)
     for _k in range(RIM_POINTS):
-        reach = ray * model.body_radius
-        h = ground_height(terrain, w, at[0] + reach[0], at[1] + reach[1])
-        plane = below - (normal[0] * reach[0] + normal[1] * reach[1]) / normal[2]
-        if h < ABYSS or rises(terrain, w, model, at + reach, ray, h, centre):
+        rim = ray * model.body_radius
+        h = ground_height(terrain, w, at[0] + rim[0], at[1] + rim[1])
+        plane = below - (normal[0] * rim[0] + normal[1] * rim[1]) / normal[2]
+        if sinking and h - centre > model.drop_depth:
+            edges = edges | nearby_edges(terrain, w, model, at, ray, centre)
+        if h < ABYSS or rises(terrain, w, model, at + rim, ray, h, wp.max(centre, below)):
             foot.wall = foot.wall + ray
-        elif plane - h > model.max_drop:
-            hanging = hanging + 1
-        else:
+        elif plane - h <= model.drop_depth:
             total = total + h
             count = count + 1.0
             tilt = tilt + ray * (h - level)
         ray = wp.vec2(RIM_COS * ray[0] - RIM_SIN * ray[1], RIM_SIN * ray[0] + RIM_COS * ray[1])
-    foot.height = total / count
-    if below - centre > model.max_drop and 3 * hanging >= RIM_POINTS:
+    foot.height = wp.max(total / count, level)
+    if edges == ONE_SIDE:
         foot.falls = 1
         foot.height = centre
     slope = tilt * (2.0 / (float(RIM_POINTS) * model.body_radius))
@@ -88,12 +91,25 @@ def footing(terrain: Terrain, w: int, model: RobotModel, at: wp.vec2, below: flo
 
 
 @wp.func
-def rises(terrain: Terrain, w: int, model: RobotModel, rim: wp.vec2, ray: wp.vec2, h: float, centre: float) -> bool:
-    """Whether the ground below a rim point (height h) rises to it as a wall: too high, within too short a way."""
-    if h - centre <= model.step_rise:
+def rises(terrain: Terrain, w: int, model: RobotModel, rim: wp.vec2, ray: wp.vec2, h: float, level: float) -> bool:
+    """Whether the ground rises to a rim point (height h) as a wall: too high, within too short a way."""
+    if h - level <= model.step_rise:
         return False
+    if (h - level) * model.step_reach > model.step_rise * model.body_radius:
+        return True
     inner = rim - ray * model.step_reach
     return h - ground_height(terrain, w, inner[0], inner[1]) > model.step_rise
+
+
+@wp.func
+def nearby_edges(terrain: Terrain, w: int, model: RobotModel, at: wp.vec2, ray: wp.vec2, centre: float) -> int:
+    """Whether edges too deep for the robot lie close by along ``ray``: none (0), on one side, or on both."""
+    reach = ray * model.drop_reach
+    if ground_height(terrain, w, at[0] + reach[0], at[1] + reach[1]) - centre <= model.drop_depth:
+        return 0
+    if ground_height(terrain, w, at[0] - reach[0], at[1] - reach[1]) - centre <= model.drop_depth:
+        return ONE_SIDE
+    return BOTH_SIDES
 
 
 @wp.func
@@ -143,11 +159,24 @@ def present(state: State, b: int, r: int) -> bool:
 
 
 @wp.func
+def foot_point(position: wp.vec3, R: wp.mat33, body_height: float) -> wp.vec3:
+    """The point on the ground under the body's origin, along its own z axis."""
+    return position - wp.vec3(R[0, 2], R[1, 2], R[2, 2]) * body_height
+
+
+@wp.func
+def between(state: State, robots: wp.array(dtype=RobotModel), b: int, o: int, foot: wp.vec2) -> wp.vec2:
+    """From a point on the ground to where robot o stands."""
+    other = foot_point(state.position[b, o], state.rotation[b, o], robots[o].body_height)
+    return wp.vec2(other[0], other[1]) - foot
+
+
+@wp.func
 def pushes(state: State, robots: wp.array(dtype=RobotModel), b: int, r: int, o: int, foot: wp.vec2, step: wp.vec2) -> bool:
     """Whether a step of robot r would bring it closer to robot o than their bodies allow."""
     if o == r or not present(state, b, o):
         return False
-    gap = wp.vec2(state.position[b, o][0], state.position[b, o][1]) - foot
+    gap = between(state, robots, b, o, foot)
     return wp.dot(step, gap) > 1.0e-8 and wp.length(gap - step) < robots[r].body_radius + robots[o].body_radius
 
 
@@ -157,7 +186,7 @@ def around_robots(state: State, robots: wp.array(dtype=RobotModel), b: int, r: i
     free = step
     for o in range(robots.shape[0]):
         if pushes(state, robots, b, r, o, foot, free):
-            free = without_approach(free, wp.vec2(state.position[b, o][0], state.position[b, o][1]) - foot)
+            free = without_approach(free, between(state, robots, b, o, foot))
     return free
 
 
@@ -168,12 +197,6 @@ def pushes_any(state: State, robots: wp.array(dtype=RobotModel), b: int, r: int,
         if pushes(state, robots, b, r, o, foot, step):
             return True
     return False
-
-
-@wp.func
-def foot_point(position: wp.vec3, R: wp.mat33, body_height: float) -> wp.vec3:
-    """The point on the ground under the body's origin, along its own z axis."""
-    return position - wp.vec3(R[0, 2], R[1, 2], R[2, 2]) * body_height
 
 
 @wp.func

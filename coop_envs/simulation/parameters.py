@@ -25,8 +25,8 @@ HAZARD_KINDS = {"trap": 0, "hole": 1, "slippery": 2}
 class RobotModel:
     """One robot's physics. Lengths m, times s; ``marker_sum`` is what all its LED channels add up to at full.
 
-    Ground that rises by more than ``step_rise`` within ``step_reach`` is a wall to it; it tips over where the vertical
-    component of its up axis falls below ``upright``.
+    Ground that rises by more than ``step_rise`` within ``step_reach`` is a wall to it, ground that drops by more than
+    ``drop_depth`` within ``drop_reach`` an edge; it tips over where its up axis leans further than ``upright``, a cosine.
     """
 
     mass: float
@@ -44,7 +44,8 @@ class RobotModel:
     upright: float
     step_rise: float
     step_reach: float
-    max_drop: float
+    drop_depth: float
+    drop_reach: float
     odometry_noise: float
     battery: float
     idle_power: float
@@ -82,6 +83,12 @@ def marker_sum(hat: Hat | None) -> float:
     return sum(255.0 * sum(colorsys.hsv_to_rgb(led.hue_deg % 360.0 / 360.0, 1.0, 1.0)) for led in hat.leds)
 
 
+def steep(limit_m: float, grade: float, radius_m: float) -> tuple[float, float]:
+    """Height and way over which ground counts as a step of at least ``limit_m``, and not as a slope of this grade."""
+    reach_m = float(np.clip(limit_m / grade, SHORTEST_REACH_M, 0.9 * radius_m))
+    return max(limit_m, reach_m * grade), reach_m
+
+
 def robot_model(member: Member) -> RobotModel:
     """Pack one member of a team."""
     robot, imu = member.robot, member.robot.imu
@@ -94,9 +101,8 @@ def robot_model(member: Member) -> RobotModel:
     model.slope_slip, model.max_slope = robot.slope_slip, robot.max_slope_rad
     tip_grade = robot.contact_radius_m / (0.5 * robot.height_m)
     model.upright = float(np.cos(np.arctan(tip_grade)))
-    model.step_reach = min(max(robot.max_step_m / tip_grade, SHORTEST_REACH_M), robot.body_radius_m)
-    model.step_rise = max(robot.max_step_m, model.step_reach * tip_grade)
-    model.max_drop = robot.max_drop_m
+    model.step_rise, model.step_reach = steep(robot.max_step_m, tip_grade, robot.body_radius_m)
+    model.drop_depth, model.drop_reach = steep(robot.max_drop_m, tip_grade, robot.body_radius_m)
     model.odometry_noise = robot.odometry_noise
     model.battery, model.idle_power = robot.battery.energy_j, robot.power.robot[3][3]
     model.marker_sum = marker_sum(member.hat)

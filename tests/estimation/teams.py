@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from coop_envs.batch import TeamBatch
 from coop_envs.device import prepare
+from coop_envs.estimation.belief import Declared
 from coop_envs.geometry.keyed_random import team_key
 from coop_envs.scenario import load_scenario
 from coop_envs.world_pool import open_pool
@@ -83,8 +84,9 @@ class Teams:
         return np.linalg.norm(self.errors()[..., 3:], axis=-1)
 
     def nees(self, part: slice = np.s_[:6]) -> np.ndarray:
-        """(B, N) squared Mahalanobis distance of theta, of p or of both, over its degrees of freedom."""
+        """(B, N) squared Mahalanobis distance of theta, of p or of both, over its degrees of freedom; NaN in the dock."""
         e, P = self.errors()[..., part], self.belief("pose_covariance")[..., part, part]
+        P[self.belief("declared") == Declared.DOCKED] = np.nan
         return np.einsum("bni,bni->bn", e, np.linalg.solve(P, e[..., None])[..., 0]) / e.shape[-1]
 
     def push_truth(self, r: int, shift_m: tuple[float, float]) -> None:
@@ -93,13 +95,16 @@ class Teams:
         position[:, r, :2] += shift_m
         self.batch.state.position.assign(position)
 
+    def steer(self, r: int, lane_y_m: float, forward: float = 0.95) -> Motion:
+        """Motion that takes robot r along y = lane (team frame), by the truth."""
+        y, R = self.true_position()[:, r, 1], self.true_rotation()[:, r]
+        aim = np.clip(2.0 * (lane_y_m - y), -0.8, 0.8)
+        return forward, np.clip(2.0 * (aim - np.arctan2(R[:, 1, 0], R[:, 0, 0])), -1.0, 1.0)
+
     def drive_lane(self, r: int, lane_y_m: float, decisions: int, forward: float = 0.95) -> None:
-        """Drive robot r along y = lane (team frame), steered by the truth."""
+        """Drive robot r along y = lane."""
         for _ in range(decisions):
-            position, R = self.true_position()[:, r], self.true_rotation()[:, r]
-            aim = np.clip(2.0 * (lane_y_m - position[:, 1]), -0.5, 0.5)
-            yaw = np.arctan2(R[:, 1, 0], R[:, 0, 0])
-            self.act({r: (forward, np.clip(2.0 * (aim - yaw), -1.0, 1.0))})
+            self.act({r: self.steer(r, lane_y_m, forward)})
 
 
 def filter_covariance(teams: Teams, b: int) -> np.ndarray:

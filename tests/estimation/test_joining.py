@@ -6,10 +6,14 @@ import pytest
 from coop_envs.estimation.belief import SPARE_SLOTS, Declared
 from coop_envs.simulation.state import Status
 from coop_envs.worlds.world import Hazard
-from tests.estimation.teams import Teams, filter_covariance, is_sane
+from tests.estimation.teams import Teams, filter_covariance, is_sane, set_state
 
-BARRIER = (Hazard("trap", (0.8, 0.5), (0.1, 0.6)),)
-OPEN = {"environment.geometry.size_m": (1.6, 1.0), "environment.geometry.walls": ()}
+BARRIER = (Hazard("trap", (0.8, 0.8), (0.1, 0.9)), Hazard("trap", (0.45, 0.8), (0.05, 0.05)))
+OPEN = {
+    "environment.geometry.size_m": (1.6, 1.6),
+    "environment.geometry.walls": (),
+    "task.collect_lost": False,
+}
 
 
 def scouts(teams=6, hazards=BARRIER, **overrides) -> Teams:
@@ -17,10 +21,14 @@ def scouts(teams=6, hazards=BARRIER, **overrides) -> Teams:
     return Teams("arena", teams=teams, seed=11, hazards=hazards, **OPEN, **overrides)
 
 
-def send_until_lost(teams: Teams, picket: int, limit: int = 150) -> None:
-    """Drive a picket on, wiggling, until every team has declared it lost."""
+LANES = {1: 0.5, 2: -0.5, 3: 0.25, 4: -0.25, 5: 0.0}
+
+
+def send_until_lost(teams: Teams, picket: int, limit: int = 100) -> None:
+    """Drive a picket along its lane, wiggling, until every team has declared it lost."""
     for k in range(limit):
-        teams.act({picket: (0.8, 0.5 * (-1) ** ((k + 2) // 4))})
+        forward, yaw = teams.steer(picket, LANES[picket], 0.8)
+        teams.act({picket: (forward, yaw + 0.3 * (-1) ** (k // 3))})
         if np.all(teams.belief("declared")[:, picket] == Declared.LOST):
             return
     pytest.fail(f"picket {picket} not declared in {limit} decisions")
@@ -53,10 +61,10 @@ def test_a_loss_calls_exactly_one_reserve():
 
 def test_a_reserve_joins_as_uncertain_as_it_is_set_down():
     teams = scouts(teams=3, **{"sensing.dropout": 0.99999, "estimation.silent_s": 0.4})
-    teams.rest(5)
-    battery = teams.state("energy")
-    battery[:, 1, 0] = 1e9
-    teams.batch.state.energy.assign(battery)
+    teams.drive_lane(1, 0.0, 10)
+    energy = teams.state("energy")
+    energy[:, 1, 0] = 1e9
+    set_state(teams, "energy", energy)
     teams.rest(8)
     assert working(teams, 2)
     settings = teams.scenario.estimation
@@ -102,7 +110,7 @@ def test_the_lost_stay_where_they_were_seen_last(after_five_losses):
 
 
 def test_a_silent_robot_gives_up_its_slot():
-    hole = (Hazard("hole", (0.8, 0.5), (0.2, 0.6)),)
+    hole = (Hazard("hole", (0.8, 0.8), (0.2, 0.9)),)
     teams = scouts(teams=3, hazards=hole)
     send_until_lost(teams, 1)
     assert np.all(teams.state("status")[:, 1] == Status.SWALLOWED)

@@ -132,6 +132,12 @@ def position(physics: FastPhysics, index=0, team=0) -> np.ndarray:
     return physics.state.position.numpy()[team, index].astype(float)
 
 
+def feet(physics: FastPhysics, *robots: RobotSpecification) -> np.ndarray:
+    """Where robots stand: the points on the ground under their bodies (B, N, 3)."""
+    heights = np.array([robot.body_height_m for robot in robots])[:, None]
+    return physics.state.position.numpy() - physics.state.rotation.numpy()[..., 2].astype(float) * heights
+
+
 def yaw(physics: FastPhysics, index=0, team=0) -> float:
     """Heading in radians."""
     return float(physics.state.yaw.numpy()[team, index])
