@@ -9,19 +9,20 @@ import itertools
 import math
 import numpy as np
 
-from baselines.driving import Drive, ScoutDriver
+from baselines.driving import Drive, PathFollower, ScoutDriver
 from baselines.expedition import Expedition
 from baselines.atlas import Atlas
-from baselines.prospect import Prospect
+from baselines.prospect import Prospect, scouting_way
 from baselines.team_view import RobotView, TeamView
 from coop_envs.agents.team import Member
-from coop_envs.mapping.planning import HAZARD
+from coop_envs.mapping.planning import HAZARD, Footprint
 from coop_envs.policy import Actions, Observations, TeamDescription, TeamNeeds
 
 PHASES = ("right", "forward", "left", "backward")
-MIN_PHASE_S, MAX_PHASE_S = 0.4, 2.0
-OUT_OF_VIEW_S, HOME_M = 1.0, 0.45
+MIN_PHASE_S, MAX_PHASE_S = 0.4, 1.0
+OUT_OF_VIEW_S, HOME_M = 1.0, 0.40
 LOOK_AHEAD_M = 0.08
+LOOKAHEAD_M, DETOUR_M, OFF_M = 0.06, 0.5, 0.06
 
 
 class RandomWalk:
@@ -40,8 +41,8 @@ class RandomWalk:
 class WalkScouting:
     """Four phases for each picket, each for a uniformly random time.
 
-    Beyond the thesis: (1) a picket that has been out of view for ``OUT_OF_VIEW_S`` drives back to before the observer
-    (the thesis's pickets stay in view by assumption); (2) a phase ends before ground that the map calls hazardous, so
+    Beyond the thesis: (1) a picket that has been out of view for ``OUT_OF_VIEW_S`` drives back over known
+    ground to before the observer (the thesis's pickets stay in view by assumption); (2) a phase ends before ground that the map calls hazardous, so
     that pickets are not lost at the same place again.
     """
 
@@ -50,8 +51,14 @@ class WalkScouting:
         members = dict(zip(team.names, team.members, strict=True))
         self._decision_s = team.decision_s
         self._walks = {n: Walk(m, team.decision_s, rng) for (n, m), rng in zip(members.items(), rngs[::2], strict=True)}
-        self._home = {n: ScoutDriver(m, team.decision_s, r) for (n, m), r in zip(members.items(), rngs[1::2], strict=True)}
+        self._drivers = {
+            n: ScoutDriver(m, team.decision_s, rng) for (n, m), rng in zip(members.items(), rngs[1::2], strict=True)
+        }
+        self._footprints = {
+            n: Footprint(m.robot.contact_radius_m, m.robot.body_radius_m) for n, m in members.items()
+        }
         self._unseen_s = dict.fromkeys(team.names, 0.0)
+        self._way_home: dict[str, PathFollower] = {}
 
     def command(self, view: TeamView, atlas: Atlas, prospect: Prospect | None) -> dict[str, Drive]:
         """One drive for each scout."""
@@ -63,13 +70,22 @@ class WalkScouting:
     def _drive(self, scout: RobotView, leader: RobotView, atlas: Atlas) -> Drive:
         self._unseen_s[scout.name] = 0.0 if scout.in_view else self._unseen_s[scout.name] + self._decision_s
         if self._unseen_s[scout.name] >= OUT_OF_VIEW_S:
-            home = (leader.x + HOME_M * math.cos(leader.yaw), leader.y + HOME_M * math.sin(leader.yaw))
-            return self._home[scout.name].go(scout, home)
+            return self._go_home(scout, leader, atlas)
+        self._way_home.pop(scout.name, None)
         walk = self._walks[scout.name]
         drive = walk.step()
         if drive.forward_m_s and self._hazard_ahead(scout, math.copysign(LOOK_AHEAD_M, drive.forward_m_s), atlas):
             drive = walk.next_phase()
         return drive
+
+    def _go_home(self, scout: RobotView, leader: RobotView, atlas: Atlas) -> Drive:
+        driver, way = self._drivers[scout.name], self._way_home.get(scout.name)
+        if way is None or driver.blocked or way.off_m > OFF_M:
+            home = (leader.x + HOME_M * math.cos(leader.yaw), leader.y + HOME_M * math.sin(leader.yaw))
+            survey = atlas.survey_around([scout.xy, home], DETOUR_M)
+            way = PathFollower(scouting_way(survey, scout.xy, home, self._footprints[scout.name], None), LOOKAHEAD_M)
+            self._way_home[scout.name] = way
+        return driver.go(scout, way.target(scout.xy))
 
     def _hazard_ahead(self, scout: RobotView, way_m: float, atlas: Atlas) -> bool:
         ahead = (scout.x + way_m * math.cos(scout.yaw), scout.y + way_m * math.sin(scout.yaw))

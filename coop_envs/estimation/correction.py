@@ -77,8 +77,9 @@ def correct_odometry(
 
     Both sides slip on their own, and slip wanders slower than decisions follow each other, so its variance counts
     2 tau / T times. Wheels that turn while the IMU tells of standing spin on a robot held fast: from then on it is taken
-    to stand, give or take a share of the wheels' speed, until the IMU tells of going. Not in the thesis, whose filter
-    has no odometry: it bounds the IMU's drift while no landmark is in sight.
+    to stand, give or take a share of the wheels' speed, until the IMU tells of going. Where the IMU tells of something
+    in between, as while a robot is being caught, the wheels do not count. Not in the thesis, whose filter has no
+    odometry: it bounds the IMU's drift while no landmark is in sight.
     """
     o = 15 * belief.slot[b, r]
     rim = measured.wheels[b, r] * member.wheel_radius
@@ -88,12 +89,15 @@ def correct_odometry(
     v = belief.velocity[b, r]
     mean = Rt * v - belief.lag[b, r]
     speed = wp.float64(0.5 * (rim[0] + rim[1]))
-    rolls = wp.abs(speed - mean[0]) < wp.abs(mean[0])
+    share = wp.sign(speed) * mean[0] - wp.float64(0.5) * wp.abs(speed)
     now = wp.float64(floor + pace * wp.length(wp.vec2(member.slip, member.odometry_noise)))
-    if rolls:
+    slower = wp.sign(speed) * (speed - mean[0]) > wp.float64(0.0) and contradicts(belief, b, r, speed - mean[0], now)
+    if share > wp.float64(0.0):
         belief.spinning[b, r] = 0
-    elif contradicts(belief, b, r, speed - mean[0], now) or tried_in_sight(belief, b, r):
+    elif slower or tried_in_sight(belief, b, r):
         belief.spinning[b, r] = 1
+    if slower and belief.spinning[b, r] == 0:
+        return
     slip = member.slip * wp.sqrt(2.0 * member.slip_time / model.decision_s)
     noise = floor + pace * wp.length(wp.vec2(slip, member.odometry_noise))
     if belief.spinning[b, r] == 1:

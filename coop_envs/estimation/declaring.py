@@ -1,9 +1,9 @@
 """Which robots the belief declares lost: stuck, silent or upside down; and which reserve it then calls.
 
 A robot is called stuck when it has tried to drive and to turn for a while and neither was noticed: the gyro felt no
-turn, and the cameras saw no shift beyond two sigma. Turning is part of the test because a robot against a wall can
-turn and one in a trap cannot; a robot that only pushes is called stuck after four times as long, and only in sight: one
-that drives straight on out of sight cannot be told from it.
+turn, and the cameras saw no shift that their noise could not explain. Turning is part of the test because a robot
+against a wall can turn and one in a trap cannot; a robot that only pushes is called stuck after four times as long, and
+only in sight: one that drives straight on out of sight cannot be told from it.
 """
 
 from __future__ import annotations
@@ -19,8 +19,10 @@ TURN_RAD_S = wp.constant(0.2)
 DRIVE_M_S = wp.constant(0.02)
 TURN_NOTICED = wp.constant(0.15)
 TURN_TESTED = wp.constant(0.6)
+GYRO_NOISE_RAD_S = wp.constant(0.01)
 SHIFT_M = wp.constant(0.02)
 MUCH_SHIFT_M = wp.constant(0.1)
+SHIFT_SIGMAS = wp.constant(5.0)
 IN_SIGHT_S = wp.constant(1.0)
 PUSHING = wp.constant(4.0)
 UPSIDE_DOWN = wp.constant(-5.0)
@@ -64,7 +66,8 @@ def seen_to_shift(belief: Belief, b: int, r: int) -> bool:
     here = wp.vec3(float(p[0]), float(p[1]), 1.0)
     if belief.anchor[b, r][2] == 0.0:
         belief.anchor[b, r] = here
-    return wp.length(here - belief.anchor[b, r]) > wp.clamp(2.0 * position_sigma(belief, b, r), SHIFT_M, MUCH_SHIFT_M)
+    noise = SHIFT_SIGMAS * position_sigma(belief, b, r)
+    return wp.length(here - belief.anchor[b, r]) > wp.clamp(noise, SHIFT_M, MUCH_SHIFT_M)
 
 
 @wp.func
@@ -81,7 +84,7 @@ def count_trying(belief: Belief, measured: Measurements, member: MemberModel, mo
     for t in range(ticks):
         rate = rate + measured.gyro[b, r, t][2] / float(ticks)
     rate = rate - float(belief.gyro_bias[b, r][2])
-    belief.turn_felt[b, r] = belief.turn_felt[b, r] + wp.abs(rate) * model.decision_s
+    belief.turn_felt[b, r] = belief.turn_felt[b, r] + wp.max(wp.abs(rate) - GYRO_NOISE_RAD_S, 0.0) * model.decision_s
     if wp.abs(turn) > TURN_RAD_S:
         belief.turn_tried[b, r] = belief.turn_tried[b, r] + wp.abs(turn) * model.decision_s
     shifted = seen_to_shift(belief, b, r)

@@ -30,6 +30,7 @@ def team_key(seed: int, episode: int) -> int:
 
 @wp.func
 def mix64(value: wp.uint64) -> wp.uint64:
+    """SplitMix64's finaliser on the device, as `mix`."""
     x = value + wp.uint64(0x9E3779B97F4A7C15)
     x = (x ^ (x >> wp.uint64(30))) * wp.uint64(0xBF58476D1CE4E5B9)
     x = (x ^ (x >> wp.uint64(27))) * wp.uint64(0x94D049BB133111EB)

@@ -15,6 +15,7 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 NO_GROUND_M = -1000.0
 NO_GROUND = wp.constant(NO_GROUND_M)
 MISS = wp.constant(-1.0)
+ENDLESS = wp.constant(1.0e30)
 
 
 @wp.struct
@@ -49,8 +50,9 @@ def in_cell(h: wp.vec4, u: float, v: float) -> float:
 def ground_height(terrain: Terrain, w: int, x: float, y: float) -> float:
     """Height of the ground at (x, y) in metres, NO_GROUND beyond the world's edge."""
     n = terrain.shape[w]
-    gx = (x - terrain.origin[w][0]) / terrain.cell[w]
-    gy = (y - terrain.origin[w][1]) / terrain.cell[w]
+    inverse = 1.0 / terrain.cell[w]
+    gx = (x - terrain.origin[w][0]) * inverse
+    gy = (y - terrain.origin[w][1]) * inverse
     if gx < 0.0 or gy < 0.0 or gx > float(n[0] - 1) or gy > float(n[1] - 1):
         return NO_GROUND
     i = wp.min(int(gx), n[0] - 2)
@@ -88,53 +90,44 @@ def cell_crossing(h: wp.vec4, p0: wp.vec3, p1: wp.vec3, t0: float, t1: float) ->
 
 
 @wp.func
+def span(g: float, d: float, last: float) -> wp.vec2:
+    """The t between which g + d t lies within [0, last]; the first is the greater one where it never does."""
+    if d == 0.0:
+        if g < 0.0 or g > last:
+            return wp.vec2(1.0, 0.0)
+        return wp.vec2(0.0, ENDLESS)
+    a = -g / d
+    b = (last - g) / d
+    return wp.vec2(wp.min(a, b), wp.max(a, b))
+
+
+@wp.func
+def next_border(g: float, d: float, cell: int) -> float:
+    """The t at which g + d t leaves a cell [cell, cell + 1]."""
+    if d > 0.0:
+        return (float(cell + 1) - g) / d
+    if d < 0.0:
+        return (float(cell) - g) / d
+    return ENDLESS
+
+
+@wp.func
 def cast_height_field(terrain: Terrain, w: int, start: wp.vec3, direction: wp.vec3, limit: float) -> float:
+    """As `cast_ray`, at the height field alone; a ray that starts under the ground hits at once."""
     n = terrain.shape[w]
     inverse = 1.0 / terrain.cell[w]
     gx = (start[0] - terrain.origin[w][0]) * inverse
     gy = (start[1] - terrain.origin[w][1]) * inverse
     dx = direction[0] * inverse
     dy = direction[1] * inverse
-    t = float(0.0)
-    far = limit
-    if dx == 0.0:
-        if gx < 0.0 or gx > float(n[0] - 1):
-            return MISS
-    else:
-        a = -gx / dx
-        b = (float(n[0] - 1) - gx) / dx
-        t = wp.max(t, wp.min(a, b))
-        far = wp.min(far, wp.max(a, b))
-    if dy == 0.0:
-        if gy < 0.0 or gy > float(n[1] - 1):
-            return MISS
-    else:
-        a = -gy / dy
-        b = (float(n[1] - 1) - gy) / dy
-        t = wp.max(t, wp.min(a, b))
-        far = wp.min(far, wp.max(a, b))
+    in_x = span(gx, dx, float(n[0] - 1))
+    in_y = span(gy, dy, float(n[1] - 1))
+    t = wp.max(wp.max(in_x[0], in_y[0]), 0.0)
+    far = wp.min(wp.min(in_x[1], in_y[1]), limit)
     i = wp.clamp(int(wp.floor(gx + dx * t)), 0, n[0] - 2)
     j = wp.clamp(int(wp.floor(gy + dy * t)), 0, n[1] - 2)
-    step_i = int(1)
-    step_j = int(1)
-    next_x = float(1.0e30)
-    next_y = float(1.0e30)
-    delta_x = float(1.0e30)
-    delta_y = float(1.0e30)
-    if dx > 0.0:
-        next_x = (float(i + 1) - gx) / dx
-        delta_x = 1.0 / dx
-    if dx < 0.0:
-        step_i = -1
-        next_x = (float(i) - gx) / dx
-        delta_x = -1.0 / dx
-    if dy > 0.0:
-        next_y = (float(j + 1) - gy) / dy
-        delta_y = 1.0 / dy
-    if dy < 0.0:
-        step_j = -1
-        next_y = (float(j) - gy) / dy
-        delta_y = -1.0 / dy
+    next_x = next_border(gx, dx, i)
+    next_y = next_border(gy, dy, j)
     while t <= far and i >= 0 and j >= 0 and i < n[0] - 1 and j < n[1] - 1:
         leave = wp.max(t, wp.min(wp.min(next_x, next_y), far))
         h = corner_heights(terrain, w, i, j)
@@ -150,11 +143,11 @@ def cast_height_field(terrain: Terrain, w: int, start: wp.vec3, direction: wp.ve
             return MISS
         t = leave
         if next_x < next_y:
-            i = i + step_i
-            next_x = next_x + delta_x
+            i = i + int(wp.sign(dx))
+            next_x = next_x + wp.abs(1.0 / dx)
         else:
-            j = j + step_j
-            next_y = next_y + delta_y
+            j = j + int(wp.sign(dy))
+            next_y = next_y + wp.abs(1.0 / dy)
     return MISS
 
 

@@ -17,7 +17,7 @@ vec6d = wp.types.vector(length=6, dtype=wp.float64)
 
 @wp.func
 def led_information(focal: wp.vec2, arm: wp.vec3, position: wp.vec3, noise_px: float) -> mat66d:
-    """Information of one LED at ``arm + position`` in the camera, ``arm`` being R_camera_body times its place in the body."""
+    """Information of an LED at ``arm + position`` in the camera; ``arm`` is R_camera_body times its place in the body."""
     p = arm + position
     z = wp.float64(p[2])
     fx = wp.float64(focal[0]) / z

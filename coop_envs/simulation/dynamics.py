@@ -139,7 +139,7 @@ def ground_motion(
     lean = R[2, 1]
     if forward * climb > 0.0:
         forward = forward * (1.0 - wp.min(model.slope_slip * wp.abs(climb), 1.0))
-        if wp.abs(climb) > wp.sin(model.max_slope):
+        if wp.abs(climb) > model.max_climb:
             forward = 0.0
     sideways = -model.slope_slip * lean * wp.abs(forward)
     steepness = wp.sqrt(climb * climb + lean * lean)
@@ -172,7 +172,9 @@ def between(state: State, robots: wp.array(dtype=RobotModel), b: int, o: int, fo
 
 
 @wp.func
-def pushes(state: State, robots: wp.array(dtype=RobotModel), b: int, r: int, o: int, foot: wp.vec2, step: wp.vec2) -> bool:
+def pushes(
+    state: State, robots: wp.array(dtype=RobotModel), b: int, r: int, o: int, foot: wp.vec2, step: wp.vec2
+) -> bool:
     """Whether a step of robot r would bring it closer to robot o than their bodies allow."""
     if o == r or not present(state, b, o):
         return False
@@ -181,7 +183,9 @@ def pushes(state: State, robots: wp.array(dtype=RobotModel), b: int, r: int, o: 
 
 
 @wp.func
-def around_robots(state: State, robots: wp.array(dtype=RobotModel), b: int, r: int, foot: wp.vec2, step: wp.vec2) -> wp.vec2:
+def around_robots(
+    state: State, robots: wp.array(dtype=RobotModel), b: int, r: int, foot: wp.vec2, step: wp.vec2
+) -> wp.vec2:
     """A step less what would push into another robot."""
     free = step
     for o in range(robots.shape[0]):
@@ -193,10 +197,10 @@ def around_robots(state: State, robots: wp.array(dtype=RobotModel), b: int, r: i
 @wp.func
 def pushes_any(state: State, robots: wp.array(dtype=RobotModel), b: int, r: int, foot: wp.vec2, step: wp.vec2) -> bool:
     """Whether a step of robot r would push into any other robot."""
+    found = bool(False)
     for o in range(robots.shape[0]):
-        if pushes(state, robots, b, r, o, foot, step):
-            return True
-    return False
+        found = found or pushes(state, robots, b, r, o, foot, step)
+    return found
 
 
 @wp.func
@@ -212,7 +216,8 @@ def drive(state: State, robots: wp.array(dtype=RobotModel), ground: Ground, b: i
     motion = ground_motion(model, state.wheels[b, r], state.slip[b, r], scale, R, ground.friction)
     turn = motion[2] * dt * up[2] / (R[0, 0] * R[0, 0] + R[1, 0] * R[1, 0])
     facing = stand_on(up, state.yaw[b, r] + 0.5 * turn)
-    wanted = wp.vec2(facing[0, 0] * motion[0] + facing[0, 1] * motion[1], facing[1, 0] * motion[0] + facing[1, 1] * motion[1]) * dt
+    velocity = facing * wp.vec3(motion[0], motion[1], 0.0)
+    wanted = wp.vec2(velocity[0], velocity[1]) * dt
     step = around_robots(state, robots, b, r, at, wanted)
     stand = footing(ground.terrain, w, model, at + step, foot[2], up)
     if wp.dot(step, stand.wall) > 0.0:

@@ -25,8 +25,9 @@ HAZARD_KINDS = {"trap": 0, "hole": 1, "slippery": 2}
 class RobotModel:
     """One robot's physics. Lengths m, times s; ``marker_sum`` is what all its LED channels add up to at full.
 
-    Ground that rises by more than ``step_rise`` within ``step_reach`` is a wall to it, ground that drops by more than
-    ``drop_depth`` within ``drop_reach`` an edge; it tips over where its up axis leans further than ``upright``, a cosine.
+    ``max_climb`` is the sine of the steepest slope it climbs. Ground that rises by more than ``step_rise`` within
+    ``step_reach`` is a wall to it, ground that drops by more than ``drop_depth`` within ``drop_reach`` an edge; it tips
+    over where its up axis leans further than ``upright``, a cosine.
     """
 
     mass: float
@@ -40,7 +41,7 @@ class RobotModel:
     slip: float
     slip_time: float
     slope_slip: float
-    max_slope: float
+    max_climb: float
     upright: float
     step_rise: float
     step_reach: float
@@ -98,7 +99,7 @@ def robot_model(member: Member) -> RobotModel:
     model.height, model.body_height = robot.height_m, robot.body_height_m
     model.wheel_radius, model.track = robot.wheel_radius_m, robot.track_m
     model.lag, model.slip, model.slip_time = robot.drive_lag_s, robot.slip, robot.slip_time_s
-    model.slope_slip, model.max_slope = robot.slope_slip, robot.max_slope_rad
+    model.slope_slip, model.max_climb = robot.slope_slip, float(np.sin(robot.max_slope_rad))
     tip_grade = robot.contact_radius_m / (0.5 * robot.height_m)
     model.upright = float(np.cos(np.arctan(tip_grade)))
     model.step_rise, model.step_reach = steep(robot.max_step_m, tip_grade, robot.body_radius_m)

@@ -20,7 +20,7 @@ BIAS_CHANNEL = wp.constant(34)
 
 @wp.struct
 class Starts:
-    """Start poses (x, y, yaw) of every robot in every world (W, N), the dock's (W,), and how exactly people place robots."""
+    """Start poses (x, y, yaw) of robots by world (W, N), of the docks (W,), and how exactly people place robots."""
 
     pose: wp.array2d(dtype=wp.vec3)
     dock: wp.array(dtype=wp.vec3)
@@ -33,7 +33,8 @@ def stand_at(state: State, model: RobotModel, ground: Ground, b: int, r: int, po
     """Set a robot down at rest at x, y, yaw."""
     at = wp.vec2(pose[0], pose[1])
     w = state.world[b]
-    stand = footing(ground.terrain, w, model, at, ground_height(ground.terrain, w, at[0], at[1]), wp.vec3(0.0, 0.0, 1.0))
+    height = ground_height(ground.terrain, w, at[0], at[1])
+    stand = footing(ground.terrain, w, model, at, height, wp.vec3(0.0, 0.0, 1.0))
     stand = footing(ground.terrain, w, model, at, stand.height, stand.normal)
     state.position[b, r] = wp.vec3(at[0], at[1], stand.height) + stand.normal * model.body_height
     state.rotation[b, r] = stand_on(stand.normal, pose[2])

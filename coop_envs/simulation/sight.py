@@ -68,12 +68,11 @@ def look_at(
         if in_view(camera, arm + p_camera_body):
             lamp = state.position[b, j] + R * leds[j, k]
             signal = led_signal(model, command.brightness[b, j], eye - lamp, up)
-            if signal >= model.detection_signal and not hidden_by_robot(state, robots, b, i, j, eye, lamp):
-                if not blocked(ground.terrain, state.world[b], eye, lamp, DIFFUSER_M):
-                    detected = detected + 1
-                    information = information + led_information(
-                        camera.focal, arm, p_camera_body, pixel_noise(model, signal)
-                    )
+            hidden = signal < model.detection_signal or hidden_by_robot(state, robots, b, i, j, eye, lamp)
+            if not (hidden or blocked(ground.terrain, state.world[b], eye, lamp, DIFFUSER_M)):
+                detected = detected + 1
+                noise = pixel_noise(model, signal)
+                information = information + led_information(camera.focal, arm, p_camera_body, noise)
     if detected < model.min_leds:
         information = mat66d()
     return information

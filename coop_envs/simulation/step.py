@@ -97,9 +97,16 @@ def sample_imu(
     accel_sigma = (model.accel_noise + shake * model.moving_accel_noise) * root
     out.gyro[b, r, t] = rate + state.gyro_bias[b, r] + normal3(key, tick, r, GYRO_CHANNEL) * gyro_sigma
     out.accel[b, r, t] = force + state.accel_bias[b, r] + normal3(key, tick, r, ACCEL_CHANNEL) * accel_sigma
-    walk = wp.sqrt(dt)
-    gyro_walk = normal3(key, tick, r, GYRO_WALK_CHANNEL) * (model.gyro_walk * walk)
-    accel_walk = normal3(key, tick, r, ACCEL_WALK_CHANNEL) * (model.accel_walk * walk)
+
+
+@wp.func
+def walk_biases(state: State, model: RobotModel, b: int, r: int, dt: float):
+    """Move the IMU's biases one decision along their random walks."""
+    key = state.key[b]
+    tick = state.tick[b]
+    root = wp.sqrt(dt)
+    gyro_walk = normal3(key, tick, r, GYRO_WALK_CHANNEL) * (model.gyro_walk * root)
+    accel_walk = normal3(key, tick, r, ACCEL_WALK_CHANNEL) * (model.accel_walk * root)
     state.gyro_bias[b, r] = state.gyro_bias[b, r] + gyro_walk
     state.accel_bias[b, r] = state.accel_bias[b, r] + accel_walk
 
@@ -152,6 +159,8 @@ def advance(
     state.tick[b] = state.tick[b] + clock.ticks
     for r in range(n):
         model = robots[r]
+        if state.status[b, r] != DOCKED:
+            walk_biases(state, model, b, r, clock.tick_s * float(clock.ticks))
         spent = state.energy[b, r]
         status = state.status[b, r]
         jitter = normal2(draw_key(state.key[b], state.tick[b], r, ENCODER_CHANNEL)) * model.odometry_noise

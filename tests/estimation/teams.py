@@ -84,7 +84,7 @@ class Teams:
         return np.linalg.norm(self.errors()[..., 3:], axis=-1)
 
     def nees(self, part: slice = np.s_[:6]) -> np.ndarray:
-        """(B, N) squared Mahalanobis distance of theta, of p or of both, over its degrees of freedom; NaN in the dock."""
+        """(B, N) squared Mahalanobis distance of theta, p or both, over its degrees of freedom; NaN in the dock."""
         e, P = self.errors()[..., part], self.belief("pose_covariance")[..., part, part]
         P[self.belief("declared") == Declared.DOCKED] = np.nan
         return np.einsum("bni,bni->bn", e, np.linalg.solve(P, e[..., None])[..., 0]) / e.shape[-1]

@@ -84,10 +84,19 @@ def test_wheels_that_turn_while_the_imu_tells_of_standing_are_not_believed(bench
 def test_they_are_believed_again_once_the_imu_tells_of_going(bench):
     bench.P = np.eye(SIZE * bench.n) * 1e-4
     bench.set("spinning", np.ones(bench.n))
-    bench.set("velocity", 0.25 * bench.get("rotation")[:, :, 0])
+    bench.set("velocity", 0.27 * bench.get("rotation")[:, :, 0])
     odometry_update(bench, 0.3)
     assert bench.get("spinning").tolist() == [1, 0, 1]
-    assert 0.25 < body_velocity(bench.state())[0] < 0.3
+    assert 0.27 < body_velocity(bench.state())[0] < 0.3
+
+
+def test_between_standing_and_going_wheels_do_not_count(bench):
+    bench.P = np.eye(SIZE * bench.n) * 1e-6
+    bench.set("velocity", 0.2 * bench.get("rotation")[:, :, 0])
+    nominal = bench.state()
+    odometry_update(bench, 0.3)
+    np.testing.assert_array_equal(bench.get("spinning"), 0)
+    np.testing.assert_array_equal(difference(bench.state(), nominal), 0.0)
 
 
 def test_a_robot_at_rest_shows_bias_and_gravity(bench):

@@ -64,19 +64,19 @@ def test_a_robot_against_a_wall_that_turns_now_and_then_is_never_declared():
     assert np.all(teams.belief("declared") == Declared.ACTIVE)
 
 
-def test_one_that_only_pushes_is_declared_after_four_times_as_long():
-    near_fence = {"environment.geometry.start": (0.9, 0.0, 0.0), "team.members.1.robot.slip": 0.0}
-    teams = lane_with((), teams=10, **near_fence)
-    held = np.zeros(teams.B)
-    for _ in range(90):
-        before = teams.state("position")[:, PICKET]
-        alive = teams.belief("declared")[:, PICKET] == Declared.ACTIVE
+def test_one_that_only_pushes_in_sight_is_declared_after_four_times_as_long():
+    teams = lane_with(TRAP, teams=20, **{"sensing.outlier": 0.0})
+    caught = np.full(teams.B, np.inf)
+    in_sight = np.ones(teams.B, dtype=bool)
+    for k in range(100):
         teams.act({PICKET: (1.0, 0.0)})
-        moved = np.linalg.norm(teams.state("position")[:, PICKET] - before, axis=-1) > 0.002
-        held += DECISION_S * (alive & ~moved)
-    assert np.all(teams.belief("declared")[:, PICKET] == Declared.LOST)
-    limit = 4.0 * teams.scenario.estimation.stuck_s
-    assert np.all((held > limit - 0.8) & (held < limit + 0.8)), held
+        in_sight &= teams.belief("unseen_s")[:, PICKET] < 1.0
+        caught[(teams.state("status")[:, PICKET] == Status.TRAPPED) & np.isinf(caught)] = k
+        declared = teams.belief("declared")[:, PICKET] == Declared.LOST
+        waited_s = (k - caught) * DECISION_S
+        assert not declared[waited_s < 11.5].any()
+        assert declared[in_sight & (waited_s > 14.5)].all()
+    assert in_sight.sum() > 5
 
 
 def test_one_that_drives_straight_on_out_of_sight_is_not_declared():
@@ -146,5 +146,5 @@ def test_precision_and_recall_over_random_drives(scenario):
         declared |= new
     missed = int(((caught_s < 120.0 - 15.0) & ~declared).sum())
     assert right > 100
-    assert right / (right + wrong) >= 0.95, (right, wrong)
-    assert right / (right + missed) >= 0.95, (right, missed)
+    assert right / (right + wrong) >= 0.97, (right, wrong)
+    assert right / (right + missed) >= 0.97, (right, missed)

@@ -19,7 +19,7 @@ from tests.estimation.bench import (
     run_pose,
 )
 
-I, J = 0, 2
+CAMERA_ROBOT, SEEN = 0, 2
 NOISE = np.diag([4e-4, 3e-4, 5e-4, 1e-5, 2e-5, 3e-5])
 
 
@@ -29,18 +29,18 @@ def bench():
 
 
 def seen(bench, theta=(0.0, 0.0, 0.0), shift=(0.0, 0.0, 0.0), noise=NOISE):
-    """Put a sighting of robot J by camera I that departs from the belief by theta and shift, in camera axes."""
-    R, p = camera_view(bench.state(), I, J)
-    bench.sighting(I, J, Rotation.from_rotvec(theta).as_matrix() @ R, p + shift, noise)
+    """Put a sighting of the robot seen by the camera that departs from the belief by theta and shift, in camera axes."""
+    R, p = camera_view(bench.state(), CAMERA_ROBOT, SEEN)
+    bench.sighting(CAMERA_ROBOT, SEEN, Rotation.from_rotvec(theta).as_matrix() @ R, p + shift, noise)
 
 
 def model(bench):
     """The sighting's Jacobian (6, 15 n) by finite differences of homogeneous transforms."""
     nominal = bench.state()
-    R_hat, p_hat = camera_view(nominal, I, J)
+    R_hat, p_hat = camera_view(nominal, CAMERA_ROBOT, SEEN)
 
     def moved(error):
-        R, p = camera_view(perturbed(nominal, error), I, J)
+        R, p = camera_view(perturbed(nominal, error), CAMERA_ROBOT, SEEN)
         return np.concatenate([Rotation.from_matrix(R @ R_hat.T).as_rotvec(), p - p_hat])
 
     return numeric_jacobian(moved, SIZE * bench.n)
@@ -48,13 +48,13 @@ def model(bench):
 
 def compared(bench):
     residual, S = wp.zeros(1, dtype=vec6d), wp.zeros(1, dtype=mat66d)
-    bench.run(run_compare, bench.belief, bench.measured, bench.members, bench.rows, I, J, residual, S)
+    bench.run(run_compare, bench.belief, bench.measured, bench.members, bench.rows, CAMERA_ROBOT, SEEN, residual, S)
     return residual.numpy()[0], S.numpy()[0], bench.rows.numpy()[0, :, : SIZE * bench.n]
 
 
 def updated(bench, update=True):
     done = wp.zeros(1, dtype=int)
-    bench.run(run_pose, bench.belief, bench.measured, bench.members, bench.rows, I, J, int(update), done)
+    bench.run(run_pose, bench.belief, bench.measured, bench.members, bench.rows, CAMERA_ROBOT, SEEN, int(update), done)
     return bool(done.numpy()[0])
 
 

@@ -160,7 +160,9 @@ def test_the_edge_of_the_world_is_a_wall():
 
 # Walls no thinner than the gaps between a robot's rim points: 3.6 cm.
 boxes = st.lists(
-    st.tuples(st.integers(-75, 60), st.integers(-75, 60), st.integers(4, 40), st.integers(4, 40)), min_size=1, max_size=6
+    st.tuples(st.integers(-75, 60), st.integers(-75, 60), st.integers(4, 40), st.integers(4, 40)),
+    min_size=1,
+    max_size=6,
 )
 
 
