@@ -19,7 +19,7 @@ from coop_envs.mapping.planning import HAZARD, Footprint
 from coop_envs.policy import Actions, Observations, TeamDescription, TeamNeeds
 
 PHASES = ("right", "forward", "left", "backward")
-MIN_PHASE_S, MAX_PHASE_S = 0.4, 1.0
+TURN_S, DRIVE_S = (0.2, 0.6), (0.4, 2.0)  # least and most time of a phase
 OUT_OF_VIEW_S, HOME_M = 1.0, 0.40
 LOOK_AHEAD_M = 0.08
 LOOKAHEAD_M, DETOUR_M, OFF_M = 0.06, 0.5, 0.06
@@ -110,5 +110,6 @@ class Walk:
     def next_phase(self) -> Drive:
         """End the phase; the first drive of the next one."""
         self._drive = next(self._phases)
-        self._left = max(1, round(self._rng.uniform(MIN_PHASE_S, MAX_PHASE_S) / self._decision_s)) - 1
+        least, most = DRIVE_S if self._drive.forward_m_s else TURN_S
+        self._left = max(1, round(self._rng.uniform(least, most) / self._decision_s)) - 1
         return self._drive

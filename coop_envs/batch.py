@@ -17,7 +17,6 @@ from coop_envs.actions import ACTION_SIZE
 from coop_envs.agents.control import control, drive_models
 from coop_envs.belief_loop import BeliefLoop, BeliefSettings
 from coop_envs.errors import ConfigError
-from coop_envs.estimation.estimator import Plan
 from coop_envs.geometry.arrays import allocate, assign, to_numpy
 from coop_envs.mapping.information import cell_information_ubit
 from coop_envs.scenario import Scenario
@@ -70,8 +69,7 @@ class TeamBatch:
         """
         self.physics.reset(chosen, keys, worlds)
         pool = self.pool
-        corner = pool.corner[worlds]
-        self.loop.reset(chosen, Plan(pool.starts[worlds], pool.docks[worlds], pool.goals[worlds], corner))
+        self.loop.reset(chosen, pool.plan(worlds))
         mask = wp.array(chosen, dtype=int, device=self.device)
         wp.launch(open_account, self.teams, inputs=[*self._accounts, mask], device=self.device)
 

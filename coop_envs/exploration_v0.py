@@ -48,7 +48,8 @@ def env(scenario: str | Path | Scenario = "arena", **settings: Any) -> AECEnv[st
     """One team as a PettingZoo AEC environment; settings as for `parallel_env`."""
     from pettingzoo.utils import OrderEnforcingWrapper, parallel_to_aec
 
-    return OrderEnforcingWrapper(parallel_to_aec(parallel_env(scenario, **settings)))
+    parallel: Any = parallel_env(scenario, **settings)
+    return OrderEnforcingWrapper(parallel_to_aec(parallel))
 
 
 def vector_env(

@@ -133,10 +133,10 @@ class Observations:
     ``self`` is called ``own`` here, and the rows of a map window follow each other in one axis: Warp has four at most.
     """
 
-    own: wp.array3d(dtype=float)
-    mates: wp.array4d(dtype=float)
-    mask: wp.array3d(dtype=wp.int8)
-    map: wp.array4d(dtype=wp.uint8)
+    own: wp.array3d[float]
+    mates: wp.array4d[float]
+    mask: wp.array3d[wp.int8]
+    map: wp.array4d[wp.uint8]
 
 
 def allocate_observations(teams: int, robots: int, device: str) -> Observations:
@@ -218,7 +218,7 @@ def window_value(ground: GroundMap, model: MapModel, stride: int, b: int, layer:
 
 @wp.func
 def draw_window(
-    belief: Belief, ground: GroundMap, model: MapModel, view: ViewModel, members: wp.array(dtype=MemberModel),
+    belief: Belief, ground: GroundMap, model: MapModel, view: ViewModel, members: wp.array[MemberModel],
     out: Observations, b: int, r: int, corner: wp.vec2i,
 ):  # fmt: skip
     """Fill the map window of one agent; ``corner`` is the window's first map cell."""
@@ -251,7 +251,7 @@ def draw_window(
 
 @wp.func
 def draw_self(
-    belief: Belief, view: ViewModel, members: wp.array(dtype=MemberModel), out: Observations, rate: float, b: int,
+    belief: Belief, view: ViewModel, members: wp.array[MemberModel], out: Observations, rate: float, b: int,
     r: int, corner: wp.vec2,
 ):  # fmt: skip
     """Fill what one agent knows of itself, in the order of `SELF_FIELDS`."""
@@ -301,7 +301,7 @@ def draw_self(
 
 
 @wp.func
-def draw_mate(belief: Belief, members: wp.array(dtype=MemberModel), out: Observations, b: int, r: int, m: int, o: int):
+def draw_mate(belief: Belief, members: wp.array[MemberModel], out: Observations, b: int, r: int, m: int, o: int):
     """Fill row m of agent r's mates with robot o, in the order of `MATE_FIELDS`."""
     R = belief.rotation[b, r]
     d = wp.transpose(R) * (belief.position[b, o] - belief.position[b, r])
@@ -336,8 +336,8 @@ def mate_rank(belief: Belief, b: int, r: int, o: int) -> float:
 
 @wp.kernel
 def observe(
-    belief: Belief, ground: GroundMap, model: MapModel, view: ViewModel, members: wp.array(dtype=MemberModel),
-    gyro: wp.array3d(dtype=wp.vec3), out: Observations,
+    belief: Belief, ground: GroundMap, model: MapModel, view: ViewModel, members: wp.array[MemberModel],
+    gyro: wp.array3d[wp.vec3], out: Observations,
 ):  # fmt: skip
     """Observations of every agent; one thread each."""
     b, r = wp.tid()

@@ -33,11 +33,11 @@ MICROBIT = wp.constant(1.0e-6)
 class Truth:
     """Cells of all worlds: world w has ``shape[w]`` of size ``cell`` from ``origin[w]``; goals x, y, radius, known."""
 
-    cells: wp.array(dtype=wp.uint8)
-    offset: wp.array(dtype=int)
-    shape: wp.array(dtype=wp.vec2i)
-    origin: wp.array(dtype=wp.vec2)
-    goal: wp.array(dtype=wp.vec4)
+    cells: wp.array[wp.uint8]
+    offset: wp.array[int]
+    shape: wp.array[wp.vec2i]
+    origin: wp.array[wp.vec2]
+    goal: wp.array[wp.vec4]
     cell: float
 
 
@@ -76,21 +76,21 @@ class Score:
         (B,) of the poses of robots at work, for their mean.
     """
 
-    terms: wp.array2d(dtype=float)
-    reward: wp.array(dtype=float)
-    terminated: wp.array2d(dtype=int)
-    truncated: wp.array2d(dtype=int)
-    alive: wp.array2d(dtype=int)
-    information: wp.array(dtype=wp.int64)
-    mapped: wp.array(dtype=int)
-    reachable: wp.array(dtype=int)
-    energy: wp.array(dtype=wp.float64)
-    action_energy: wp.array(dtype=wp.float64)
-    prior: wp.array2d(dtype=int)
-    success: wp.array(dtype=int)
-    done: wp.array(dtype=int)
-    nees_sum: wp.array(dtype=wp.float64)
-    nees_count: wp.array(dtype=int)
+    terms: wp.array2d[float]
+    reward: wp.array[float]
+    terminated: wp.array2d[int]
+    truncated: wp.array2d[int]
+    alive: wp.array2d[int]
+    information: wp.array[wp.int64]
+    mapped: wp.array[int]
+    reachable: wp.array[int]
+    energy: wp.array[wp.float64]
+    action_energy: wp.array[wp.float64]
+    prior: wp.array2d[int]
+    success: wp.array[int]
+    done: wp.array[int]
+    nees_sum: wp.array[wp.float64]
+    nees_count: wp.array[int]
 
 
 def score_model(reward: Reward, task: Task, decision_s: float) -> ScoreModel:
@@ -166,7 +166,7 @@ def pose_nees(state: State, belief: Belief, b: int, r: int) -> wp.float64:
 
 @wp.func
 def count_information(
-    state: State, ground: GroundMap, truth: Truth, model: MapModel, score: Score, table: wp.array(dtype=int), b: int
+    state: State, ground: GroundMap, truth: Truth, model: MapModel, score: Score, table: wp.array[int], b: int
 ):
     """Enter this decision's map changes into the team's account."""
     for k in range(ground.change_count[b]):
@@ -191,7 +191,7 @@ def goal_reached(state: State, truth: Truth, b: int) -> bool:
 
 
 @wp.func
-def end_agents(belief: Belief, score: Score, kinds: wp.array(dtype=int), model: ScoreModel, b: int):
+def end_agents(belief: Belief, score: Score, kinds: wp.array[int], model: ScoreModel, b: int):
     """Terminate the lost, and everybody at success or without a camera; truncate the rest at the time limit."""
     n = kinds.shape[0]
     eyes = int(0)
@@ -230,7 +230,7 @@ def count_energy(state: State, score: Score, model: ScoreModel, b: int):
 
 
 @wp.func
-def count_losses(state: State, score: Score, kinds: wp.array(dtype=int), model: ScoreModel, b: int):
+def count_losses(state: State, score: Score, kinds: wp.array[int], model: ScoreModel, b: int):
     """Price the robots that were lost, in truth, in this decision."""
     for r in range(kinds.shape[0]):
         status = state.status[b, r]
@@ -264,7 +264,7 @@ def accomplished(state: State, truth: Truth, score: Score, model: ScoreModel, b:
 @wp.kernel
 def judge(
     state: State, belief: Belief, ground: GroundMap, truth: Truth, map_model: MapModel, model: ScoreModel, score: Score,
-    kinds: wp.array(dtype=int), table: wp.array(dtype=int), running: wp.array(dtype=int),
+    kinds: wp.array[int], table: wp.array[int], running: wp.array[int],
 ):  # fmt: skip
     """Score the last decision of every running team."""
     b = wp.tid()
@@ -289,7 +289,7 @@ def judge(
 
 @wp.kernel
 def open_account(
-    state: State, ground: GroundMap, truth: Truth, map_model: MapModel, score: Score, chosen: wp.array(dtype=int)
+    state: State, ground: GroundMap, truth: Truth, map_model: MapModel, score: Score, chosen: wp.array[int]
 ):
     """Start the accounts of the chosen teams anew."""
     b = wp.tid()

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from coop_envs.estimation.estimator import Plan
 from coop_envs.geometry.keyed_random import mix, team_key
 from coop_envs.scenario import Scenario, scenario_world
 from coop_envs.worlds.build import Split
@@ -21,7 +22,8 @@ from coop_envs.worlds.world import World
 class WorldPool:
     """W worlds with their truth grids, and in each team frame: starts (W, N, 3), docks (W, 3), goals (W, 4).
 
-    The map of a team in world w has ``map_shape`` cells from ``corner[w]`` (W, 2) in the team frame.
+    The map of a team in world w has ``map_cells[w]`` (W, 2) cells along x and y from ``corner[w]`` (W, 2) in the team
+    frame; ``map_shape`` holds them all.
     """
 
     worlds: tuple[World, ...]
@@ -30,7 +32,18 @@ class WorldPool:
     docks: NDArray[np.float32]
     goals: NDArray[np.float32]
     corner: NDArray[np.float32]
-    map_shape: tuple[int, int]
+    map_cells: NDArray[np.int32]
+
+    @property
+    def map_shape(self) -> tuple[int, int]:
+        """The most cells along x and y."""
+        nx, ny = self.map_cells.max(axis=0).tolist()
+        return nx, ny
+
+    def plan(self, worlds: NDArray[np.int32]) -> Plan:
+        """What people know of the starts of teams in these worlds (B,)."""
+        parts = (self.starts, self.docks, self.goals, self.corner, self.map_cells)
+        return Plan(*(part[worlds] for part in parts))
 
 
 def open_pool(scenario: Scenario, split: Split, indices: Sequence[int]) -> WorldPool:
@@ -44,7 +57,6 @@ def open_pool(scenario: Scenario, split: Split, indices: Sequence[int]) -> World
     docks = [_into(frame, world.dock) for frame, world in zip(frames, worlds, strict=True)]
     side = scenario.map.cell_m * scenario.map.ego_stride
     boxes = [_map_box(frame, world, side) for frame, world in zip(frames, worlds, strict=True)]
-    cells = np.max([high - low for low, high in boxes], axis=0) * scenario.map.ego_stride
     return WorldPool(
         worlds=worlds,
         truth=truth,
@@ -52,7 +64,7 @@ def open_pool(scenario: Scenario, split: Split, indices: Sequence[int]) -> World
         docks=np.array(docks, dtype=np.float32),
         goals=np.array([_goal(frame, world) for frame, world in zip(frames, worlds, strict=True)], dtype=np.float32),
         corner=np.array([low * side for low, _ in boxes], dtype=np.float32),
-        map_shape=(int(cells[0]), int(cells[1])),
+        map_cells=np.array([(high - low) * scenario.map.ego_stride for low, high in boxes], dtype=np.int32),
     )
 
 

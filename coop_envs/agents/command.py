@@ -25,10 +25,10 @@ class Command:
         1 where a person is asked to take a lost robot out of the way, as in the experiments of thesis section 2.2.3.
     """
 
-    wheels: wp.array2d(dtype=wp.vec2)
-    brightness: wp.array2d(dtype=float)
-    laser: wp.array2d(dtype=float)
-    galvo: wp.array2d(dtype=wp.vec2i)
-    hold: wp.array2d(dtype=int)
-    undock: wp.array2d(dtype=int)
-    collect: wp.array2d(dtype=int)
+    wheels: wp.array2d[wp.vec2]
+    brightness: wp.array2d[float]
+    laser: wp.array2d[float]
+    galvo: wp.array2d[wp.vec2i]
+    hold: wp.array2d[int]
+    undock: wp.array2d[int]
+    collect: wp.array2d[int]

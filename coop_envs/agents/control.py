@@ -78,8 +78,8 @@ def wheel_speeds(model: DriveModel, speed: float, yaw_rate: float) -> wp.vec2:
 
 @wp.kernel
 def control(
-    actions: wp.array3d(dtype=float), declared: wp.array2d(dtype=int), called: wp.array2d(dtype=int),
-    models: wp.array(dtype=DriveModel), command: Command,
+    actions: wp.array3d[float], declared: wp.array2d[int], called: wp.array2d[int],
+    models: wp.array[DriveModel], command: Command,
 ):  # fmt: skip
     """Commands for every robot. One that is docked or lost stands; a lost one keeps its hat lit as a landmark."""
     b, r = wp.tid()

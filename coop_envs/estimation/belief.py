@@ -69,34 +69,34 @@ class Belief:
         (B,) decisions since reset.
     """
 
-    position: wp.array2d(dtype=wp.vec3d)
-    velocity: wp.array2d(dtype=wp.vec3d)
-    rotation: wp.array2d(dtype=wp.mat33d)
-    gyro_bias: wp.array2d(dtype=wp.vec3d)
-    accel_bias: wp.array2d(dtype=wp.vec3d)
-    covariance: wp.array3d(dtype=wp.float64)
-    slot: wp.array2d(dtype=int)
-    slots: wp.array(dtype=int)
-    pose_covariance: wp.array2d(dtype=mat66d)
-    lag: wp.array2d(dtype=wp.vec3d)
-    declared: wp.array2d(dtype=int)
-    stationary: wp.array2d(dtype=int)
-    rest_s: wp.array2d(dtype=float)
-    unseen_s: wp.array2d(dtype=float)
-    silent_s: wp.array2d(dtype=float)
-    seen: wp.array3d(dtype=int)
-    averaged: wp.array3d(dtype=int)
-    rejected: wp.array2d(dtype=int)
-    tried_s: wp.array2d(dtype=float)
-    turn_tried: wp.array2d(dtype=float)
-    turn_felt: wp.array2d(dtype=float)
-    anchor: wp.array2d(dtype=wp.vec3)
-    spinning: wp.array2d(dtype=int)
-    battery: wp.array2d(dtype=float)
-    marked: wp.array2d(dtype=int)
-    undock: wp.array2d(dtype=int)
-    goal: wp.array(dtype=wp.vec4)
-    clock: wp.array(dtype=int)
+    position: wp.array2d[wp.vec3d]
+    velocity: wp.array2d[wp.vec3d]
+    rotation: wp.array2d[wp.mat33d]
+    gyro_bias: wp.array2d[wp.vec3d]
+    accel_bias: wp.array2d[wp.vec3d]
+    covariance: wp.array3d[wp.float64]
+    slot: wp.array2d[int]
+    slots: wp.array[int]
+    pose_covariance: wp.array2d[mat66d]
+    lag: wp.array2d[wp.vec3d]
+    declared: wp.array2d[int]
+    stationary: wp.array2d[int]
+    rest_s: wp.array2d[float]
+    unseen_s: wp.array2d[float]
+    silent_s: wp.array2d[float]
+    seen: wp.array3d[int]
+    averaged: wp.array3d[int]
+    rejected: wp.array2d[int]
+    tried_s: wp.array2d[float]
+    turn_tried: wp.array2d[float]
+    turn_felt: wp.array2d[float]
+    anchor: wp.array2d[wp.vec3]
+    spinning: wp.array2d[int]
+    battery: wp.array2d[float]
+    marked: wp.array2d[int]
+    undock: wp.array2d[int]
+    goal: wp.array[wp.vec4]
+    clock: wp.array[int]
 
 
 @wp.struct
@@ -127,7 +127,7 @@ class MemberModel:
 
 def member_models(team: Team, device: str) -> wp.array:
     """Pack what the estimator knows of each robot (N,)."""
-    models = []
+    models: list[MemberModel] = []
     for member in team.members:
         model, robot, imu = MemberModel(), member.robot, member.robot.imu
         model.gyro_noise, model.accel_noise = imu.gyro_noise_rad_s_rthz, imu.accel_noise_m_s2_rthz

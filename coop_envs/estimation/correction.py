@@ -22,7 +22,7 @@ ODOMETRY_FLOOR_M_S = wp.constant(0.004)
 
 @wp.func
 def correct_rest(
-    belief: Belief, measured: Measurements, member: MemberModel, model: FilterModel, rows: wp.array3d(dtype=wp.float64),
+    belief: Belief, measured: Measurements, member: MemberModel, model: FilterModel, rows: wp.array3d[wp.float64],
     b: int, r: int,
 ):  # fmt: skip
     """A robot at rest has no velocity, its gyro shows its bias, its accelerometer shows gravity."""
@@ -70,16 +70,16 @@ def tried_in_sight(belief: Belief, b: int, r: int) -> bool:
 
 @wp.func
 def correct_odometry(
-    belief: Belief, measured: Measurements, member: MemberModel, model: FilterModel, rows: wp.array3d(dtype=wp.float64),
+    belief: Belief, measured: Measurements, member: MemberModel, model: FilterModel, rows: wp.array3d[wp.float64],
     b: int, r: int,
 ):  # fmt: skip
     """Wheels give the body's mean forward speed over the decision and say that it moves neither sideways nor up.
 
     Both sides slip on their own, and slip wanders slower than decisions follow each other, so its variance counts
-    2 tau / T times. Wheels that turn while the IMU tells of standing spin on a robot held fast: from then on it is taken
-    to stand, give or take a share of the wheels' speed, until the IMU tells of going. Where the IMU tells of something
-    in between, as while a robot is being caught, the wheels do not count. Not in the thesis, whose filter has no
-    odometry: it bounds the IMU's drift while no landmark is in sight.
+    2 tau / T times. Wheels that turn while the IMU tells of standing spin on a robot held fast: from then on it is
+    taken to stand, give or take a share of the wheels' speed, until the IMU tells of going. Where the IMU tells of
+    something in between, as while a robot is being caught, the wheels do not count. Not in the thesis, whose filter
+    has no odometry: it bounds the IMU's drift while no landmark is in sight.
     """
     o = 15 * belief.slot[b, r]
     rim = measured.wheels[b, r] * member.wheel_radius
@@ -128,8 +128,8 @@ def note(belief: Belief, measured: Measurements, model: FilterModel, b: int, r: 
 
 @wp.kernel
 def fuse(
-    belief: Belief, measured: Measurements, members: wp.array(dtype=MemberModel), model: FilterModel,
-    rows: wp.array3d(dtype=wp.float64), running: wp.array(dtype=int),
+    belief: Belief, measured: Measurements, members: wp.array[MemberModel], model: FilterModel,
+    rows: wp.array3d[wp.float64], running: wp.array[int],
 ):  # fmt: skip
     """Fuse one decision's measurements into the belief of every running team."""
     b = wp.tid()

@@ -115,8 +115,8 @@ def call_reserve(belief: Belief, b: int):
 
 @wp.kernel
 def declare(
-    belief: Belief, measured: Measurements, members: wp.array(dtype=MemberModel), model: StuckModel,
-    running: wp.array(dtype=int),
+    belief: Belief, measured: Measurements, members: wp.array[MemberModel], model: StuckModel,
+    running: wp.array[int],
 ):  # fmt: skip
     """Declare losses in every running team, mark where they happened and call reserves."""
     b = wp.tid()

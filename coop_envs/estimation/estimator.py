@@ -29,22 +29,24 @@ PROVING_S = wp.constant(1.0)
 class Plan:
     """What people know when they set a batch of teams down: poses in each team's frame and where its map lies.
 
-    start (B, N, 3) and dock (B, 3) x, y, yaw; goal (B, 4) x, y, radius, 1 if there is one; corner (B, 2) of the map.
+    start (B, N, 3) and dock (B, 3) x, y, yaw; goal (B, 4) x, y, radius, 1 if there is one. The map
+    has ``cells`` (B, 2) from its lower ``corner`` (B, 2).
     """
 
     start: NDArray[np.float32]
     dock: NDArray[np.float32]
     goal: NDArray[np.float32]
     corner: NDArray[np.float32]
+    cells: NDArray[np.int32]
 
 
 @wp.kernel
 def chart(
     belief: Belief,
     ground: GroundMap,
-    members: wp.array(dtype=MemberModel),
+    members: wp.array[MemberModel],
     model: MapModel,
-    running: wp.array(dtype=int),
+    running: wp.array[int],
 ):
     """Enter every robot of the running teams into their maps."""
     b = wp.tid()
@@ -114,7 +116,8 @@ class TeamEstimator:
         corner = wp.array(plan.corner, dtype=wp.vec2, device=self.device)
         begun = [self.belief, self.plans, self._prior, self.members, mask]
         wp.launch(begin, self.teams, inputs=begun, device=self.device)
-        charted = [self.map, self._map_model, corner, self.plans.start, self._known_m, mask]
+        cells = wp.array(plan.cells, dtype=wp.vec2i, device=self.device)
+        charted = [self.map, self._map_model, corner, cells, self.plans.start, self._known_m, mask]
         wp.launch(begin_map, self.teams, inputs=charted, device=self.device)
 
     def step(self) -> None:

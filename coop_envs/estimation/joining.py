@@ -30,9 +30,9 @@ class Plans:
     ``goal`` (B,) is x, y, radius, 1 if there is one.
     """
 
-    start: wp.array2d(dtype=wp.vec3)
-    dock: wp.array(dtype=wp.vec3)
-    goal: wp.array(dtype=wp.vec4)
+    start: wp.array2d[wp.vec3]
+    dock: wp.array[wp.vec3]
+    goal: wp.array[wp.vec4]
 
 
 @wp.struct
@@ -132,9 +132,7 @@ def join(belief: Belief, prior: Prior, model: MemberModel, b: int, r: int, pose:
 
 
 @wp.kernel
-def begin(
-    belief: Belief, plans: Plans, prior: Prior, members: wp.array(dtype=MemberModel), chosen: wp.array(dtype=int)
-):
+def begin(belief: Belief, plans: Plans, prior: Prior, members: wp.array[MemberModel], chosen: wp.array[int]):
     """Start the belief of the chosen teams anew."""
     b = wp.tid()
     if chosen[b] == 0:
@@ -168,9 +166,7 @@ def begin(
 
 
 @wp.func
-def welcome(
-    belief: Belief, plans: Plans, prior: Prior, measured: Measurements, members: wp.array(dtype=MemberModel), b: int
-):
+def welcome(belief: Belief, plans: Plans, prior: Prior, measured: Measurements, members: wp.array[MemberModel], b: int):
     """Robots that have left the dock join; lost ones that are silent give up their slot."""
     for r in range(members.shape[0]):
         if belief.declared[b, r] == WAITING and measured.docked[b, r] == 0:

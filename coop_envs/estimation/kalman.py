@@ -1,3 +1,5 @@
+# pyright: reportUnknownVariableType=false
+# To the type checker, entries of Warp's matrices have no type.
 """Kalman updates of the team filter with up to six rows, gated.
 
 Only H P is formed; the covariance falls by N^T N with N = L^-1 H P and S = L L^T, so that it stays symmetric.
@@ -21,7 +23,7 @@ NO_GATE = wp.constant(wp.float64(1.0e30))
 
 @wp.func
 def row_times_covariance(
-    belief: Belief, rows: wp.array3d(dtype=wp.float64), b: int, m: int, block: wp.mat33d, column: int,
+    belief: Belief, rows: wp.array3d[wp.float64], b: int, m: int, block: wp.mat33d, column: int,
     first: int, last: int,
 ):  # fmt: skip
     """rows[m .. m+2] += block P[column .. column+2], columns ``first`` up to ``last``."""
@@ -32,7 +34,7 @@ def row_times_covariance(
 
 
 @wp.func
-def clear_rows(rows: wp.array3d(dtype=wp.float64), b: int, count: int, first: int, last: int):
+def clear_rows(rows: wp.array3d[wp.float64], b: int, count: int, first: int, last: int):
     """Set columns ``first`` up to ``last`` to zero."""
     for m in range(count):
         for c in range(first, last):
@@ -41,7 +43,7 @@ def clear_rows(rows: wp.array3d(dtype=wp.float64), b: int, count: int, first: in
 
 @wp.func
 def add_to_innovation(
-    S: mat66d, rows: wp.array3d(dtype=wp.float64), b: int, count: int, m: int, block: wp.mat33d, column: int
+    S: mat66d, rows: wp.array3d[wp.float64], b: int, count: int, m: int, block: wp.mat33d, column: int
 ) -> mat66d:
     """S[:, m .. m+2] += rows[:, column .. column+2] block^T."""
     out = S
@@ -66,7 +68,7 @@ def whitened(L: mat66d, residual: vec6d, count: int) -> vec6d:
 
 @wp.func
 def correct(
-    belief: Belief, rows: wp.array3d(dtype=wp.float64), b: int, count: int, S: mat66d, residual: vec6d, gate: wp.float64
+    belief: Belief, rows: wp.array3d[wp.float64], b: int, count: int, S: mat66d, residual: vec6d, gate: wp.float64
 ) -> bool:
     """Kalman update with ``rows`` = H P and innovation covariance S; False, and nothing done, beyond the gate.
 
@@ -103,7 +105,7 @@ def correct(
 
 
 @wp.func
-def gain3(rows: wp.array3d(dtype=wp.float64), b: int, count: int, y: vec6d, column: int) -> wp.vec3d:
+def gain3(rows: wp.array3d[wp.float64], b: int, count: int, y: vec6d, column: int) -> wp.vec3d:
     """Three entries of the state correction N^T y."""
     d = wp.vec3d()
     for m in range(count):
@@ -112,7 +114,7 @@ def gain3(rows: wp.array3d(dtype=wp.float64), b: int, count: int, y: vec6d, colu
 
 
 @wp.func
-def shift_state(belief: Belief, rows: wp.array3d(dtype=wp.float64), b: int, r: int, count: int, y: vec6d):
+def shift_state(belief: Belief, rows: wp.array3d[wp.float64], b: int, r: int, count: int, y: vec6d):
     """Apply the correction N^T y to robot r."""
     o = 15 * belief.slot[b, r]
     belief.rotation[b, r] = orthonormal(exp_so3(gain3(rows, b, count, y, o + THETA)) * belief.rotation[b, r])
@@ -124,7 +126,7 @@ def shift_state(belief: Belief, rows: wp.array3d(dtype=wp.float64), b: int, r: i
 
 @wp.func
 def correct_pair(
-    belief: Belief, rows: wp.array3d(dtype=wp.float64), b: int, A: wp.mat33d, a: int, B: wp.mat33d, c: int,
+    belief: Belief, rows: wp.array3d[wp.float64], b: int, A: wp.mat33d, a: int, B: wp.mat33d, c: int,
     residual: wp.vec3d, variance: wp.vec3d, gate: wp.float64,
 ) -> bool:  # fmt: skip
     """Update with three rows, A at column a and B at column c."""
@@ -132,10 +134,10 @@ def correct_pair(
     clear_rows(rows, b, 3, 0, size)
     row_times_covariance(belief, rows, b, 0, A, a, 0, size)
     row_times_covariance(belief, rows, b, 0, B, c, 0, size)
-    S = wp.identity(n=6, dtype=wp.float64)
+    noise = wp.identity(n=6, dtype=wp.float64)
     for k in range(3):
-        S[k, k] = variance[k]
-    S = add_to_innovation(S, rows, b, 3, 0, A, a)
-    S = add_to_innovation(S, rows, b, 3, 0, B, c)
+        noise[k, k] = variance[k]
+    half = add_to_innovation(noise, rows, b, 3, 0, A, a)
+    S = add_to_innovation(half, rows, b, 3, 0, B, c)
     zero = wp.float64(0.0)
     return correct(belief, rows, b, 3, S, vec6d(residual[0], residual[1], residual[2], zero, zero, zero), gate)

@@ -55,52 +55,52 @@ def integrate(belief: Belief, measured: Measurements, model: FilterModel, b: int
     ticks = measured.gyro.shape[2]
     dt = model.tick_s
     half = wp.float64(0.5)
-    R = belief.rotation[b, r]
+    attitude = belief.rotation[b, r]
     p = belief.position[b, r]
     v = belief.velocity[b, r]
     gravity = wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(-9.81))
     mean = wp.vec3d()
     for t in range(ticks):
-        force = R * (wp.vec3d(measured.accel[b, r, t]) - belief.accel_bias[b, r])
+        force = attitude * (wp.vec3d(measured.accel[b, r, t]) - belief.accel_bias[b, r])
         turn = (wp.vec3d(measured.gyro[b, r, t]) - belief.gyro_bias[b, r]) * dt
         middle = v + (force + gravity) * (half * dt)
-        mean = mean + wp.transpose(R) * middle / wp.float64(ticks)
+        mean = mean + wp.transpose(attitude) * middle / wp.float64(ticks)
         p = p + middle * dt
         v = v + (force + gravity) * dt
         lever = wp.skew(force) * (-dt)
         bend = lever * phi.theta_gyro
         phi.position_theta = phi.position_theta + phi.velocity_theta * dt + lever * (half * dt)
         phi.position_gyro = phi.position_gyro + phi.velocity_gyro * dt + bend * (half * dt)
-        phi.position_accel = phi.position_accel + phi.velocity_accel * dt - R * (half * dt * dt)
+        phi.position_accel = phi.position_accel + phi.velocity_accel * dt - attitude * (half * dt * dt)
         phi.velocity_theta = phi.velocity_theta + lever
         phi.velocity_gyro = phi.velocity_gyro + bend
-        phi.velocity_accel = phi.velocity_accel - R * dt
-        phi.theta_gyro = phi.theta_gyro - R * dt
+        phi.velocity_accel = phi.velocity_accel - attitude * dt
+        phi.theta_gyro = phi.theta_gyro - attitude * dt
         phi.force = phi.force + force / wp.float64(ticks)
-        R = R * exp_so3(turn)
+        attitude = attitude * exp_so3(turn)
     phi.time = dt * wp.float64(ticks)
     belief.position[b, r] = p
     belief.velocity[b, r] = v
-    belief.rotation[b, r] = orthonormal(R)
-    belief.lag[b, r] = wp.transpose(R) * v - mean
+    belief.rotation[b, r] = orthonormal(attitude)
+    belief.lag[b, r] = wp.transpose(attitude) * v - mean
     return phi
 
 
 @wp.func
-def block3(P: wp.array3d(dtype=wp.float64), b: int, row: int, column: int) -> wp.vec3d:
+def block3(P: wp.array3d[wp.float64], b: int, row: int, column: int) -> wp.vec3d:
     """Three stacked entries of one column."""
     return wp.vec3d(P[b, row, column], P[b, row + 1, column], P[b, row + 2, column])
 
 
 @wp.func
-def store3(P: wp.array3d(dtype=wp.float64), b: int, row: int, column: int, value: wp.vec3d):
+def store3(P: wp.array3d[wp.float64], b: int, row: int, column: int, value: wp.vec3d):
     """Write three stacked entries of one column."""
     for k in range(3):
         P[b, row + k, column] = value[k]
 
 
 @wp.func
-def transform_column(P: wp.array3d(dtype=wp.float64), b: int, row: int, column: int, phi: Transition):
+def transform_column(P: wp.array3d[wp.float64], b: int, row: int, column: int, phi: Transition):
     """Multiply the 15 entries of one column that belong to a robot by its transition."""
     theta = block3(P, b, row, column)
     p = block3(P, b, row + 3, column)
@@ -115,7 +115,7 @@ def transform_column(P: wp.array3d(dtype=wp.float64), b: int, row: int, column: 
 
 
 @wp.func
-def transpose_block(P: wp.array3d(dtype=wp.float64), b: int, row: int):
+def transpose_block(P: wp.array3d[wp.float64], b: int, row: int):
     """Transpose the 15 x 15 diagonal block at ``row`` in place."""
     for i in range(15):
         for j in range(i):
@@ -142,7 +142,7 @@ def propagate_covariance(belief: Belief, b: int, slot: int, phi: Transition):
 
 
 @wp.func
-def add_block(P: wp.array3d(dtype=wp.float64), b: int, row: int, column: int, block: wp.mat33d):
+def add_block(P: wp.array3d[wp.float64], b: int, row: int, column: int, block: wp.mat33d):
     """Add a block and, off the diagonal, its transpose across it."""
     for i in range(3):
         for j in range(3):
@@ -179,7 +179,7 @@ def add_noise(belief: Belief, member: MemberModel, b: int, slot: int, phi: Trans
 
 
 @wp.func
-def add_diagonal(P: wp.array3d(dtype=wp.float64), b: int, row: int, extra: wp.float64):
+def add_diagonal(P: wp.array3d[wp.float64], b: int, row: int, extra: wp.float64):
     """Add the same variance to three diagonal entries."""
     for k in range(3):
         P[b, row + k, row + k] = P[b, row + k, row + k] + extra
@@ -217,7 +217,7 @@ def stand_still(belief: Belief, member: MemberModel, model: FilterModel, b: int,
 @wp.kernel
 def propagate(
     belief: Belief, command: Command, measured: Measurements, plans: Plans, prior: Prior,
-    members: wp.array(dtype=MemberModel), model: FilterModel, running: wp.array(dtype=int),
+    members: wp.array[MemberModel], model: FilterModel, running: wp.array[int],
 ):  # fmt: skip
     """Carry the belief of every running team over one decision."""
     b = wp.tid()

@@ -32,7 +32,8 @@ class Estimation:
     """Settings of the team filter and of what it declares (stationary, stuck, lost).
 
     ``start_*`` say how exactly people set robots down and how level the ground is there: standard deviations, which the
-    filter starts from; within ``start_ground_m`` of there they have seen the ground carry a robot. ``slip_*`` are the random walk of a robot at rest.
+    filter starts from; within ``start_ground_m`` of there they have seen the ground carry a robot. ``slip_*`` are the
+    random walk of a robot at rest.
     """
 
     __pydantic_config__ = STRICT

@@ -65,7 +65,7 @@ def compare(belief: Belief, measured: Measurements, member: MemberModel, b: int,
 
 
 @wp.func
-def project_rows(belief: Belief, rows: wp.array3d(dtype=wp.float64), b: int, view: Sighting, first: int, last: int):
+def project_rows(belief: Belief, rows: wp.array3d[wp.float64], b: int, view: Sighting, first: int, last: int):
     """rows = H P of a sighting, columns ``first`` up to ``last``."""
     clear_rows(rows, b, 6, first, last)
     row_times_covariance(belief, rows, b, 0, -view.axes, view.camera + THETA, first, last)
@@ -76,18 +76,18 @@ def project_rows(belief: Belief, rows: wp.array3d(dtype=wp.float64), b: int, vie
 
 
 @wp.func
-def innovation(rows: wp.array3d(dtype=wp.float64), b: int, view: Sighting, noise: mat66d) -> mat66d:
+def innovation(rows: wp.array3d[wp.float64], b: int, view: Sighting, noise: mat66d) -> mat66d:
     """S = H P H^T + noise from rows = H P."""
-    S = add_to_innovation(noise, rows, b, 6, 0, -view.axes, view.camera + THETA)
-    S = add_to_innovation(S, rows, b, 6, 0, view.axes, view.robot + THETA)
-    S = add_to_innovation(S, rows, b, 6, 3, view.lever, view.camera + THETA)
-    S = add_to_innovation(S, rows, b, 6, 3, -view.axes, view.camera + POSITION)
-    return add_to_innovation(S, rows, b, 6, 3, view.axes, view.robot + POSITION)
+    total = add_to_innovation(noise, rows, b, 6, 0, -view.axes, view.camera + THETA)
+    total = add_to_innovation(total, rows, b, 6, 0, view.axes, view.robot + THETA)
+    total = add_to_innovation(total, rows, b, 6, 3, view.lever, view.camera + THETA)
+    total = add_to_innovation(total, rows, b, 6, 3, -view.axes, view.camera + POSITION)
+    return add_to_innovation(total, rows, b, 6, 3, view.axes, view.robot + POSITION)
 
 
 @wp.func
 def correct_pose(
-    belief: Belief, measured: Measurements, member: MemberModel, rows: wp.array3d(dtype=wp.float64),
+    belief: Belief, measured: Measurements, member: MemberModel, rows: wp.array3d[wp.float64],
     b: int, i: int, j: int,
 ) -> bool:  # fmt: skip
     """Update with the pose of robot j from the camera of robot i."""
@@ -99,7 +99,7 @@ def correct_pose(
 
 @wp.func
 def confirm_pose(
-    belief: Belief, measured: Measurements, member: MemberModel, rows: wp.array3d(dtype=wp.float64),
+    belief: Belief, measured: Measurements, member: MemberModel, rows: wp.array3d[wp.float64],
     b: int, i: int, j: int,
 ) -> bool:  # fmt: skip
     """Whether a pose would pass the gate; nothing is updated."""
@@ -133,7 +133,7 @@ def blame(belief: Belief, b: int, i: int, j: int, refused: int, accepted: int) -
 
 @wp.func
 def fuse_sightings(
-    belief: Belief, measured: Measurements, members: wp.array(dtype=MemberModel), rows: wp.array3d(dtype=wp.float64),
+    belief: Belief, measured: Measurements, members: wp.array[MemberModel], rows: wp.array3d[wp.float64],
     b: int, i: int,
 ):  # fmt: skip
     """Fuse what camera i saw. Between two robots at rest the same view is only checked after a while."""

@@ -22,12 +22,12 @@ ENDLESS = wp.constant(1.0e30)
 class Terrain:
     """All worlds: heights of world w start at ``offset[w]``, row-major (x, y); ``mesh[w]`` is 0 where there is none."""
 
-    heights: wp.array(dtype=float)
-    offset: wp.array(dtype=int)
-    shape: wp.array(dtype=wp.vec2i)
-    origin: wp.array(dtype=wp.vec2)
-    cell: wp.array(dtype=float)
-    mesh: wp.array(dtype=wp.uint64)
+    heights: wp.array[float]
+    offset: wp.array[int]
+    shape: wp.array[wp.vec2i]
+    origin: wp.array[wp.vec2]
+    cell: wp.array[float]
+    mesh: wp.array[wp.uint64]
 
 
 @wp.func

@@ -32,19 +32,20 @@ class GroundMap:
 
     log_odds
         (B, 2, C) of "the ground carries robots" and of "something stands here", in sixteenths.
-    corner
-        (B,) lower corner in the team frame (m).
+    corner, cells
+        (B,) lower corner in the team frame (m); cells along x and y that the team's own ground has, at most nx and ny.
     proven_at
         (B, N) x, y, 1 where a robot's footprint was last entered.
     changes, change_count
         (B, K) layer, cell, old and new value of what this decision changed; (B,) how many.
     """
 
-    log_odds: wp.array3d(dtype=wp.int8)
-    corner: wp.array(dtype=wp.vec2)
-    proven_at: wp.array2d(dtype=wp.vec3)
-    changes: wp.array2d(dtype=wp.vec4i)
-    change_count: wp.array(dtype=int)
+    log_odds: wp.array3d[wp.int8]
+    corner: wp.array[wp.vec2]
+    cells: wp.array[wp.vec2i]
+    proven_at: wp.array2d[wp.vec3]
+    changes: wp.array2d[wp.vec4i]
+    change_count: wp.array[int]
 
 
 @wp.struct
@@ -100,8 +101,8 @@ def stamp(
     corner = ground.corner[b]
     i0 = wp.max(int(wp.floor((at[0] - radius - corner[0]) / model.cell)), 0)
     j0 = wp.max(int(wp.floor((at[1] - radius - corner[1]) / model.cell)), 0)
-    i1 = wp.min(int(wp.floor((at[0] + radius - corner[0]) / model.cell)), model.nx - 1)
-    j1 = wp.min(int(wp.floor((at[1] + radius - corner[1]) / model.cell)), model.ny - 1)
+    i1 = wp.min(int(wp.floor((at[0] + radius - corner[0]) / model.cell)), ground.cells[b][0] - 1)
+    j1 = wp.min(int(wp.floor((at[1] + radius - corner[1]) / model.cell)), ground.cells[b][1] - 1)
     for i in range(i0, i1 + 1):
         for j in range(j0, j1 + 1):
             centre = corner + wp.vec2((float(i) + 0.5) * model.cell, (float(j) + 0.5) * model.cell)
@@ -148,10 +149,11 @@ def probability(log_odds: wp.int8) -> float:
 def begin_map(
     ground: GroundMap,
     model: MapModel,
-    corner: wp.array(dtype=wp.vec2),
-    start: wp.array2d(dtype=wp.vec3),
+    corner: wp.array[wp.vec2],
+    cells: wp.array[wp.vec2i],
+    start: wp.array2d[wp.vec3],
     known_radius: float,
-    chosen: wp.array(dtype=int),
+    chosen: wp.array[int],
 ):
     """Start the maps of the chosen teams anew: nothing is known but the ground on which people set the robots down."""
     b = wp.tid()
@@ -159,6 +161,7 @@ def begin_map(
     if chosen[b] == 0:
         return
     ground.corner[b] = corner[b]
+    ground.cells[b] = cells[b]
     for layer in range(ground.log_odds.shape[1]):
         for c in range(ground.log_odds.shape[2]):
             ground.log_odds[b, layer, c] = wp.int8(0)

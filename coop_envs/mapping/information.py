@@ -22,7 +22,7 @@ def cell_information_ubit() -> NDArray[np.int32]:
 
 
 @wp.func
-def held_ubit(table: wp.array(dtype=int), log_odds: int, truth: bool) -> int:
+def held_ubit(table: wp.array[int], log_odds: int, truth: bool) -> int:
     """Micro-bits that a cell holds: positive where it leans to the truth, negative where it leans away."""
     if (log_odds > 0) == truth:
         return table[log_odds + 128]

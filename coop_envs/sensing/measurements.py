@@ -8,6 +8,7 @@ from __future__ import annotations
 import warp as wp
 
 from coop_envs.geometry.arrays import allocate
+from coop_envs.sensing.poses import mat66d
 
 
 @wp.struct
@@ -32,16 +33,16 @@ class Measurements:
         (B, N, N) of its error: rotation (rad, applied from the left, camera axes), then position (m).
     """
 
-    gyro: wp.array3d(dtype=wp.vec3)
-    accel: wp.array3d(dtype=wp.vec3)
-    heard: wp.array2d(dtype=int)
-    docked: wp.array2d(dtype=int)
-    wheels: wp.array2d(dtype=wp.vec2)
-    battery: wp.array2d(dtype=float)
-    seen: wp.array3d(dtype=int)
-    p_camera_body: wp.array3d(dtype=wp.vec3)
-    R_camera_body: wp.array3d(dtype=wp.mat33)
-    covariance: wp.array3d(dtype=wp.types.matrix(shape=(6, 6), dtype=wp.float64))
+    gyro: wp.array3d[wp.vec3]
+    accel: wp.array3d[wp.vec3]
+    heard: wp.array2d[int]
+    docked: wp.array2d[int]
+    wheels: wp.array2d[wp.vec2]
+    battery: wp.array2d[float]
+    seen: wp.array3d[int]
+    p_camera_body: wp.array3d[wp.vec3]
+    R_camera_body: wp.array3d[wp.mat33]
+    covariance: wp.array3d[mat66d]
 
 
 def allocate_measurements(teams: int, robots: int, ticks: int, device: str) -> Measurements:

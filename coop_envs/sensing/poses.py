@@ -4,6 +4,8 @@ The error of a relative pose is (theta, delta) in camera axes: R = Exp(theta) R_
 
 Source: thesis eq (5.7), with each LED's own pixel noise in place of one pixel.
 """
+# pyright: reportUnknownVariableType=false
+# To the type checker, entries of Warp's matrices have no type.
 
 from __future__ import annotations
 
@@ -11,13 +13,18 @@ import warp as wp
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
-mat66d = wp.types.matrix(shape=(6, 6), dtype=wp.float64)
-vec6d = wp.types.vector(length=6, dtype=wp.float64)
+
+class mat66d(wp.types.matrix(shape=(6, 6), dtype=wp.float64)):  # noqa: N801 - a Warp type, named as Warp names its own
+    """Six by six numbers in double precision."""
+
+
+class vec6d(wp.types.vector(length=6, dtype=wp.float64)):  # noqa: N801
+    """Six numbers in double precision."""
 
 
 @wp.func
 def led_information(focal: wp.vec2, arm: wp.vec3, position: wp.vec3, noise_px: float) -> mat66d:
-    """Information of an LED at ``arm + position`` in the camera; ``arm`` is R_camera_body times its place in the body."""
+    """Information of an LED at ``arm + position`` in the camera; ``arm`` is R_camera_body times its body position."""
     p = arm + position
     z = wp.float64(p[2])
     fx = wp.float64(focal[0]) / z

@@ -68,13 +68,13 @@ class RobotModel:
 class Hazards:
     """Hazards of all worlds: those of world w are ``first[w]`` up to ``first[w + 1]``."""
 
-    first: wp.array(dtype=int)
-    kind: wp.array(dtype=int)
-    centre: wp.array(dtype=wp.vec2)
-    axis: wp.array(dtype=wp.vec2)
-    half_size: wp.array(dtype=wp.vec2)
-    radius: wp.array(dtype=float)
-    motion_scale: wp.array(dtype=float)
+    first: wp.array[int]
+    kind: wp.array[int]
+    centre: wp.array[wp.vec2]
+    axis: wp.array[wp.vec2]
+    half_size: wp.array[wp.vec2]
+    radius: wp.array[float]
+    motion_scale: wp.array[float]
 
 
 def marker_sum(hat: Hat | None) -> float:

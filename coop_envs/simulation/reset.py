@@ -8,7 +8,8 @@ from coop_envs.agents.command import Command
 from coop_envs.geometry.keyed_random import draw_key, normal2, normal3
 from coop_envs.geometry.so3 import stand_on
 from coop_envs.geometry.terrain import ground_height
-from coop_envs.simulation.dynamics import Ground, footing, present
+from coop_envs.simulation.dynamics import Ground, present
+from coop_envs.simulation.footing import footing
 from coop_envs.simulation.parameters import RobotModel
 from coop_envs.simulation.state import ACTIVE, DOCKED, State
 
@@ -22,8 +23,8 @@ BIAS_CHANNEL = wp.constant(34)
 class Starts:
     """Start poses (x, y, yaw) of robots by world (W, N), of the docks (W,), and how exactly people place robots."""
 
-    pose: wp.array2d(dtype=wp.vec3)
-    dock: wp.array(dtype=wp.vec3)
+    pose: wp.array2d[wp.vec3]
+    dock: wp.array[wp.vec3]
     position_sigma: float
     yaw_sigma: float
 
@@ -45,8 +46,8 @@ def stand_at(state: State, model: RobotModel, ground: Ground, b: int, r: int, po
 
 @wp.kernel
 def place_teams(
-    state: State, robots: wp.array(dtype=RobotModel), starts: Starts, ground: Ground, chosen: wp.array(dtype=int),
-    key: wp.array(dtype=wp.uint64), world: wp.array(dtype=int),
+    state: State, robots: wp.array[RobotModel], starts: Starts, ground: Ground, chosen: wp.array[int],
+    key: wp.array[wp.uint64], world: wp.array[int],
 ):  # fmt: skip
     """Start the chosen teams anew in their worlds. The first observer defines the team frame, so it stands exactly."""
     b = wp.tid()
@@ -79,8 +80,8 @@ def place_teams(
 
 @wp.kernel
 def serve_dock(
-    state: State, command: Command, robots: wp.array(dtype=RobotModel), starts: Starts, ground: Ground,
-    running: wp.array(dtype=int),
+    state: State, command: Command, robots: wp.array[RobotModel], starts: Starts, ground: Ground,
+    running: wp.array[int],
 ):  # fmt: skip
     """Take away the robots to be collected; put reserves that are called before the dock once nobody stands there."""
     b = wp.tid()

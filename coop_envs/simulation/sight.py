@@ -25,9 +25,7 @@ DIFFUSER_M = wp.constant(0.005)
 
 
 @wp.func
-def hidden_by_robot(
-    state: State, robots: wp.array(dtype=RobotModel), b: int, i: int, j: int, a: wp.vec3, c: wp.vec3
-) -> bool:
+def hidden_by_robot(state: State, robots: wp.array[RobotModel], b: int, i: int, j: int, a: wp.vec3, c: wp.vec3) -> bool:
     """Whether a third robot's body, an upright cylinder, stands between camera a and LED c."""
     d = wp.vec2(c[0] - a[0], c[1] - a[1])
     length2 = wp.dot(d, d)
@@ -50,8 +48,8 @@ def hidden_by_robot(
 
 @wp.func
 def look_at(
-    state: State, command: Command, robots: wp.array(dtype=RobotModel), cameras: wp.array(dtype=CameraModel),
-    leds: wp.array2d(dtype=wp.vec3), model: LedModel, ground: Ground, b: int, i: int, j: int,
+    state: State, command: Command, robots: wp.array[RobotModel], cameras: wp.array[CameraModel],
+    leds: wp.array2d[wp.vec3], model: LedModel, ground: Ground, b: int, i: int, j: int,
 ) -> mat66d:  # fmt: skip
     """Fisher information of the LEDs of robot j that camera i detects; its [0, 0] is 0 where they are too few."""
     camera = cameras[i]
@@ -86,9 +84,9 @@ def powered(state: State, b: int, r: int) -> bool:
 
 @wp.kernel
 def see(
-    state: State, command: Command, out: Measurements, robots: wp.array(dtype=RobotModel),
-    cameras: wp.array(dtype=CameraModel), leds: wp.array2d(dtype=wp.vec3), model: LedModel, ground: Ground,
-    running: wp.array(dtype=int),
+    state: State, command: Command, out: Measurements, robots: wp.array[RobotModel],
+    cameras: wp.array[CameraModel], leds: wp.array2d[wp.vec3], model: LedModel, ground: Ground,
+    running: wp.array[int],
 ):  # fmt: skip
     """Relative poses of all robots from all cameras; one thread a team and camera."""
     b, i = wp.tid()

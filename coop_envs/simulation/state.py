@@ -48,19 +48,19 @@ class State:
         (B,) the team frame in the world: x, y, z, yaw of the first observer's start.
     """
 
-    position: wp.array2d(dtype=wp.vec3)
-    rotation: wp.array2d(dtype=wp.mat33)
-    velocity: wp.array2d(dtype=wp.vec3)
-    yaw: wp.array2d(dtype=float)
-    wheels: wp.array2d(dtype=wp.vec2)
-    slip: wp.array2d(dtype=wp.vec2)
-    status: wp.array2d(dtype=int)
-    collected: wp.array2d(dtype=int)
-    energy: wp.array2d(dtype=wp.vec4d)
-    gyro_bias: wp.array2d(dtype=wp.vec3)
-    accel_bias: wp.array2d(dtype=wp.vec3)
-    path: wp.array2d(dtype=float)
-    world: wp.array(dtype=int)
-    key: wp.array(dtype=wp.uint64)
-    tick: wp.array(dtype=int)
-    frame: wp.array(dtype=wp.vec4)
+    position: wp.array2d[wp.vec3]
+    rotation: wp.array2d[wp.mat33]
+    velocity: wp.array2d[wp.vec3]
+    yaw: wp.array2d[float]
+    wheels: wp.array2d[wp.vec2]
+    slip: wp.array2d[wp.vec2]
+    status: wp.array2d[int]
+    collected: wp.array2d[int]
+    energy: wp.array2d[wp.vec4d]
+    gyro_bias: wp.array2d[wp.vec3]
+    accel_bias: wp.array2d[wp.vec3]
+    path: wp.array2d[float]
+    world: wp.array[int]
+    key: wp.array[wp.uint64]
+    tick: wp.array[int]
+    frame: wp.array[wp.vec4]

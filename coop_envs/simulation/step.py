@@ -9,7 +9,8 @@ from coop_envs.agents.power import marker_power_w, motion_power_w, scanner_power
 from coop_envs.geometry.keyed_random import draw_key, normal2, normal3
 from coop_envs.geometry.so3 import log_so3
 from coop_envs.sensing.measurements import Measurements
-from coop_envs.simulation.dynamics import Ground, drive, foot_point, restless, spin_wheels
+from coop_envs.simulation.dynamics import Ground, drive, restless, spin_wheels
+from coop_envs.simulation.footing import foot_point
 from coop_envs.simulation.hazards import hazard_distance
 from coop_envs.simulation.parameters import HOLE, TRAP, Hazards, RobotModel
 from coop_envs.simulation.state import ACTIVE, DEPLETED, DOCKED, SWALLOWED, TRAPPED, State
@@ -113,7 +114,7 @@ def walk_biases(state: State, model: RobotModel, b: int, r: int, dt: float):
 
 @wp.func
 def tick_robot(
-    state: State, command: Command, out: Measurements, robots: wp.array(dtype=RobotModel), ground: Ground, clock: Clock,
+    state: State, command: Command, out: Measurements, robots: wp.array[RobotModel], ground: Ground, clock: Clock,
     b: int, r: int, t: int,
 ):  # fmt: skip
     """One tick of one robot."""
@@ -142,8 +143,8 @@ def tick_robot(
 
 @wp.kernel
 def advance(
-    state: State, command: Command, out: Measurements, robots: wp.array(dtype=RobotModel), ground: Ground, clock: Clock,
-    running: wp.array(dtype=int),
+    state: State, command: Command, out: Measurements, robots: wp.array[RobotModel], ground: Ground, clock: Clock,
+    running: wp.array[int],
 ):  # fmt: skip
     """Advance every running team by one decision."""
     b = wp.tid()

@@ -28,7 +28,8 @@ def into_the_trap(env: ExplorationParallelEnv, name: str, forward: float = 1.0) 
     """Drive a robot into the trap, then turn in vain until it is declared lost; the last step's returns."""
     for k in range(200):
         acting = list(env.agents)
-        returned = env.step(standing(env, **{name: drive(forward) if k < 40 else drive(0.5, 1.0 if k % 10 < 5 else -1.0)}))
+        wriggle = drive(0.5, 1.0 if k % 10 < 5 else -1.0)
+        returned = env.step(standing(env, **{name: drive(forward) if k < 40 else wriggle}))
         if name not in env.agents and name in acting:
             names = ("observations", "rewards", "terminations", "truncations", "infos")
             return dict(zip(names, returned, strict=True)), k
@@ -38,15 +39,13 @@ def into_the_trap(env: ExplorationParallelEnv, name: str, forward: float = 1.0) 
 def test_a_lost_picket_terminates_and_calls_a_reserve() -> None:
     env = exploration_v0.parallel_env("arena", team="scouts")
     env.reset(seed=0)
-    losses = []
     env.step(standing(env))
     last, _ = into_the_trap(env, "picket_0")
     assert last["terminations"]["picket_0"]
     assert not last["truncations"]["picket_0"]
     assert sum(last["terminations"].values()) == 1
     assert env.batch.state.status.numpy()[0, 1] == Status.TRAPPED
-    for _ in range(10):
-        losses.append(env.step(standing(env))[4]["observer_0"]["reward_terms"]["picket_lost"])
+    losses = [env.step(standing(env))[4]["observer_0"]["reward_terms"]["picket_lost"] for _ in range(10)]
     assert env.batch.state.status.numpy()[0, 2] == Status.ACTIVE
     assert env.frame().declared[2] == 1
     assert "picket_0" not in env.agents
@@ -115,7 +114,7 @@ def test_lost_robots_stay_as_obstacles_unless_somebody_collects_them() -> None:
 
 
 def test_the_camera_sees_nothing_in_the_dark() -> None:
-    env = exploration_v0.parallel_env("arena", team="inchworm", **{"sensing.dropout": 0.0})
+    env = exploration_v0.parallel_env("arena", team="inchworm", sensing={"dropout": 0.0})
     env.reset(seed=0)
     dark = {name: hold_action(-1.0) for name in env.agents}
     lit = {name: hold_action(1.0) for name in env.agents}

@@ -30,19 +30,17 @@ TEAM = load_team(
 
 
 @wp.kernel
-def run_integrate(belief: Belief, measured: Measurements, model: FilterModel, r: int, out: wp.array(dtype=Transition)):
+def run_integrate(belief: Belief, measured: Measurements, model: FilterModel, r: int, out: wp.array[Transition]):
     out[0] = integrate(belief, measured, model, 0, r)
 
 
 @wp.kernel
-def run_spread(belief: Belief, phi: wp.array(dtype=Transition), r: int):
+def run_spread(belief: Belief, phi: wp.array[Transition], r: int):
     propagate_covariance(belief, 0, belief.slot[0, r], phi[0])
 
 
 @wp.kernel
-def run_noise(
-    belief: Belief, members: wp.array(dtype=MemberModel), phi: wp.array(dtype=Transition), r: int, shake: wp.float64
-):
+def run_noise(belief: Belief, members: wp.array[MemberModel], phi: wp.array[Transition], r: int, shake: wp.float64):
     add_noise(belief, members[r], 0, belief.slot[0, r], phi[0], shake)
 
 
@@ -50,12 +48,12 @@ def run_noise(
 def run_compare(
     belief: Belief,
     measured: Measurements,
-    members: wp.array(dtype=MemberModel),
-    rows: wp.array3d(dtype=wp.float64),
+    members: wp.array[MemberModel],
+    rows: wp.array3d[wp.float64],
     i: int,
     j: int,
-    residual: wp.array(dtype=vec6d),
-    S: wp.array(dtype=mat66d),
+    residual: wp.array[vec6d],
+    S: wp.array[mat66d],
 ):
     view = compare(belief, measured, members[i], 0, i, j)
     project_rows(belief, rows, 0, view, 0, 15 * belief.slots[0])
@@ -67,12 +65,12 @@ def run_compare(
 def run_pose(
     belief: Belief,
     measured: Measurements,
-    members: wp.array(dtype=MemberModel),
-    rows: wp.array3d(dtype=wp.float64),
+    members: wp.array[MemberModel],
+    rows: wp.array3d[wp.float64],
     i: int,
     j: int,
     update: int,
-    done: wp.array(dtype=int),
+    done: wp.array[int],
 ):
     if update == 1:
         done[0] = int(correct_pose(belief, measured, members[i], rows, 0, i, j))
@@ -84,9 +82,9 @@ def run_pose(
 def run_odometry(
     belief: Belief,
     measured: Measurements,
-    members: wp.array(dtype=MemberModel),
+    members: wp.array[MemberModel],
     model: FilterModel,
-    rows: wp.array3d(dtype=wp.float64),
+    rows: wp.array3d[wp.float64],
     r: int,
 ):
     correct_odometry(belief, measured, members[r], model, rows, 0, r)
@@ -96,9 +94,9 @@ def run_odometry(
 def run_rest(
     belief: Belief,
     measured: Measurements,
-    members: wp.array(dtype=MemberModel),
+    members: wp.array[MemberModel],
     model: FilterModel,
-    rows: wp.array3d(dtype=wp.float64),
+    rows: wp.array3d[wp.float64],
     r: int,
 ):
     correct_rest(belief, measured, members[r], model, rows, 0, r)

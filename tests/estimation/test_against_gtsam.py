@@ -103,8 +103,8 @@ def check_against(
 @pytest.fixture(params=range(4))
 def teams(request):
     """One inchworm team whose robots stand on ground that does not give."""
-    firm = {"estimation.slip_position_m_rts": 1e-6, "estimation.slip_heading_rad_rts": 1e-6}
-    return Teams("u_turn", seed=request.param, **firm, **{"sensing.outlier": 0.0})
+    firm = {"slip_position_m_rts": 1e-6, "slip_heading_rad_rts": 1e-6}
+    return Teams("u_turn", seed=request.param, estimation=firm, sensing={"outlier": 0.0})
 
 
 def rest_and_solve(teams: Teams) -> Batch:

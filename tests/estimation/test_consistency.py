@@ -17,7 +17,7 @@ def inchworm():
 
     Five inchworm increments on the flat: each picket advances 0.3 m, the observer follows, some robot always rests.
     """
-    teams = Teams("u_turn", teams=100, seed=1, **{"sensing.outlier": 0.0})
+    teams = Teams("u_turn", teams=100, seed=1, sensing={"outlier": 0.0})
     teams.rest(10)
     theta, place, pose = [], [], []
     for _ in range(5):
@@ -72,8 +72,7 @@ def test_nobody_is_declared_lost_and_covariances_stay_sane(inchworm):
 @pytest.mark.parametrize("seed", [0, 100])
 def test_one_in_ten_sightings_wrong_does_little_harm(seed):
     clean, dirty = (
-        Teams("u_turn", teams=30, seed=seed, **{"sensing.outlier": share, "sensing.dropout": 0.0})
-        for share in (0.0, 0.1)
+        Teams("u_turn", teams=30, seed=seed, sensing={"outlier": share, "dropout": 0.0}) for share in (0.0, 0.1)
     )
     error_m = []
     for teams in (clean, dirty):

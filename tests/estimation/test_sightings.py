@@ -29,7 +29,7 @@ def bench():
 
 
 def seen(bench, theta=(0.0, 0.0, 0.0), shift=(0.0, 0.0, 0.0), noise=NOISE):
-    """Put a sighting of the robot seen by the camera that departs from the belief by theta and shift, in camera axes."""
+    """Put a sighting that departs from the belief by theta and shift, in camera axes."""
     R, p = camera_view(bench.state(), CAMERA_ROBOT, SEEN)
     bench.sighting(CAMERA_ROBOT, SEEN, Rotation.from_rotvec(theta).as_matrix() @ R, p + shift, noise)
 

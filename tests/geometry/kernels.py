@@ -14,81 +14,81 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.kernel
-def mixed(x: wp.array(dtype=wp.uint64), out: wp.array(dtype=wp.uint64)):
+def mixed(x: wp.array[wp.uint64], out: wp.array[wp.uint64]):
     i = wp.tid()
     out[i] = mix64(x[i])
 
 
 @wp.kernel
-def keys(team: wp.array(dtype=wp.uint64), place: wp.array(dtype=wp.vec3i), out: wp.array(dtype=wp.uint64)):
+def keys(team: wp.array[wp.uint64], place: wp.array[wp.vec3i], out: wp.array[wp.uint64]):
     i = wp.tid()
     out[i] = draw_key(team[i], place[i][0], place[i][1], place[i][2])
 
 
 @wp.kernel
-def uniforms(key: wp.array(dtype=wp.uint64), out: wp.array(dtype=float)):
+def uniforms(key: wp.array[wp.uint64], out: wp.array[float]):
     i = wp.tid()
     out[i] = uniform(key[i])
 
 
 @wp.kernel
-def pairs(key: wp.array(dtype=wp.uint64), out: wp.array(dtype=wp.vec2)):
+def pairs(key: wp.array[wp.uint64], out: wp.array[wp.vec2]):
     i = wp.tid()
     out[i] = normal2(key[i])
 
 
 @wp.kernel
-def triples(team: wp.array(dtype=wp.uint64), place: wp.array(dtype=wp.vec3i), out: wp.array(dtype=wp.vec3)):
+def triples(team: wp.array[wp.uint64], place: wp.array[wp.vec3i], out: wp.array[wp.vec3]):
     i = wp.tid()
     out[i] = normal3(team[i], place[i][0], place[i][1], place[i][2])
 
 
 @wp.kernel
-def exponentials(w: wp.array(dtype=wp.vec3d), out: wp.array(dtype=wp.mat33d)):
+def exponentials(w: wp.array[wp.vec3d], out: wp.array[wp.mat33d]):
     i = wp.tid()
     out[i] = exp_so3(w[i])
 
 
 @wp.kernel
-def logarithms(r: wp.array(dtype=wp.mat33d), out: wp.array(dtype=wp.vec3d)):
+def logarithms(r: wp.array[wp.mat33d], out: wp.array[wp.vec3d]):
     i = wp.tid()
     out[i] = log_so3(r[i])
 
 
 @wp.kernel
-def nearest_rotations(r: wp.array(dtype=wp.mat33d), out: wp.array(dtype=wp.mat33d)):
+def nearest_rotations(r: wp.array[wp.mat33d], out: wp.array[wp.mat33d]):
     i = wp.tid()
     out[i] = orthonormal(r[i])
 
 
 @wp.kernel
-def headings(r: wp.array(dtype=wp.mat33d), out: wp.array(dtype=wp.float64)):
+def headings(r: wp.array[wp.mat33d], out: wp.array[wp.float64]):
     i = wp.tid()
     out[i] = heading(r[i])
 
 
 @wp.kernel
-def wrapped(angle: wp.array(dtype=float), out: wp.array(dtype=float)):
+def wrapped(angle: wp.array[float], out: wp.array[float]):
     i = wp.tid()
     out[i] = wrap(angle[i])
 
 
 @wp.kernel
-def standing(normal: wp.array(dtype=wp.vec3), yaw: wp.array(dtype=float), out: wp.array(dtype=wp.mat33)):
+def standing(normal: wp.array[wp.vec3], yaw: wp.array[float], out: wp.array[wp.mat33]):
     i = wp.tid()
     out[i] = stand_on(normal[i], yaw[i])
 
 
 @wp.kernel
-def heights_at(terrain: Terrain, world: wp.array(dtype=int), at: wp.array(dtype=wp.vec2), out: wp.array(dtype=float)):
+def heights_at(terrain: Terrain, world: wp.array[int], at: wp.array[wp.vec2], out: wp.array[float]):
     i = wp.tid()
     out[i] = ground_height(terrain, world[i], at[i][0], at[i][1])
 
 
 @wp.kernel
 def ranges(
-    terrain: Terrain, world: wp.array(dtype=int), start: wp.array(dtype=wp.vec3), direction: wp.array(dtype=wp.vec3),
-    limit: float, out: wp.array(dtype=float),
+    terrain: Terrain, world: wp.array[int], start: wp.array[wp.vec3], direction: wp.array[wp.vec3],
+    limit: float, out: wp.array[float],
 ):  # fmt: skip
     i = wp.tid()
     out[i] = cast_ray(terrain, world[i], start[i], direction[i], limit)
@@ -96,8 +96,8 @@ def ranges(
 
 @wp.kernel
 def sight_lines(
-    terrain: Terrain, world: wp.array(dtype=int), a: wp.array(dtype=wp.vec3), b: wp.array(dtype=wp.vec3), slack: float,
-    out: wp.array(dtype=int),
+    terrain: Terrain, world: wp.array[int], a: wp.array[wp.vec3], b: wp.array[wp.vec3], slack: float,
+    out: wp.array[int],
 ):  # fmt: skip
     i = wp.tid()
     out[i] = int(blocked(terrain, world[i], a[i], b[i], slack))
@@ -110,7 +110,7 @@ def on_device(kernel: wp.Kernel, *arguments: object) -> np.ndarray:
     inputs, rows = [], 0
     for name, value in zip(names, arguments, strict=False):
         kind = kernel.adj.arg_types[name]
-        if isinstance(kind, wp.array):
+        if hasattr(kind, "ndim"):
             value = wp.array(np.ascontiguousarray(value), dtype=kind.dtype, device=device)
             rows = value.shape[0]
         inputs.append(value)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from coop_envs.agents.catalog import load_camera, load_hat, load_robot
 from coop_envs.agents.specification import Hat, Imu, RobotSpecification
@@ -107,13 +108,15 @@ def physics_of(
     return physics
 
 
-def wheels_of(robot: RobotSpecification, speed, yaw_rate) -> np.ndarray:
+def wheels_of(robot: RobotSpecification, speed: ArrayLike, yaw_rate: ArrayLike) -> np.ndarray:
     """Left and right wheel speed (rad/s), counter-clockwise positive."""
     half = np.multiply(yaw_rate, robot.track_m / 2)
     return np.stack([np.subtract(speed, half), np.add(speed, half)], axis=-1) / robot.wheel_radius_m
 
 
-def command(physics: FastPhysics, robot: RobotSpecification, speed=0.0, yaw_rate=0.0, index=0) -> None:
+def command(
+    physics: FastPhysics, robot: RobotSpecification, speed: ArrayLike = 0.0, yaw_rate: ArrayLike = 0.0, index: int = 0
+) -> None:
     """Set the wheels of robot ``index`` in every team; ``speed`` and ``yaw_rate`` may be one for each team."""
     physics.command.wheels.numpy()[:, index] = wheels_of(robot, speed, yaw_rate)
 

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from coop_envs.agents.catalog import load_hat
 from coop_envs.agents.specification import Battery
+from coop_envs.simulation.parameters import marker_sum
 from coop_envs.simulation.state import Status
 from coop_envs.worlds.world import Hazard
 from tests.simulation.builders import (
@@ -70,9 +72,6 @@ def test_the_lights_scanner_and_mirrors_have_accounts_of_their_own():
 
 def test_a_white_hat_costs_twice_a_coloured_one():
     """Red, green and blue light one channel of three, cyan, magenta and yellow two: 2295 against 4590 for white."""
-    from coop_envs.simulation.parameters import marker_sum
-    from tests.simulation.builders import load_hat
-
     assert marker_sum(load_hat("hat0")) == pytest.approx(4590 / 2)
     assert marker_sum(None) == 0.0
 

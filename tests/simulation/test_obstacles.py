@@ -202,8 +202,8 @@ def test_nobody_gets_into_or_through_walls_at_full_speed(walls, seed, robot):
 
 
 @ROBOTS
-def test_the_arena_holds_its_robots(robot):
-    """Kerbs of 4 cm and walls of 30 cm: nobody climbs out, at full speed and whatever the heading."""
+def test_the_arenas_kerb_holds_its_robots(robot):
+    """Nobody climbs its 4 cm, at full speed and whatever the heading."""
     kerb = ground_of(
         lambda x, y: np.where(np.maximum(np.abs(x), np.abs(y)) > 0.4 - 1e-6, 0.04, 0.0), (-0.6, -0.6, 0.6, 0.6), CELL_M
     )

@@ -11,7 +11,16 @@ from coop_envs.viewer.report import render, write_report
 
 pytestmark = pytest.mark.render
 RECORDED = [
-    *("success", "coverage", "mapped_m2", "information_bits", "energy_j", "action_energy_j", "bits_per_joule", "hazards_found"),
+    *(
+        "success",
+        "coverage",
+        "mapped_m2",
+        "information_bits",
+        "energy_j",
+        "action_energy_j",
+        "bits_per_joule",
+        "hazards_found",
+    ),
     *("pickets_lost", "observer_survived", "position_drift_m", "heading_drift_deg", "drift_percent_of_path", "nees"),
     *("simulated_s", "wall_s"),
 ]
