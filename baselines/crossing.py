@@ -1,6 +1,7 @@
 """The observer's drive along a safe path while all others hold still as landmarks.
 
-It drives slowly, slower as its own position grows uncertain; beyond ``LOOK_SIGMA_M`` it stops and turns to a standing
+It drives slowly, slower where its own position is uncertain and a landmark in view can mend that (without one, time only
+adds to the doubt); beyond ``LOOK_SIGMA_M`` it stops and turns to a standing
 landmark until its belief is sharp again; beyond ``STOP_SIGMA_M`` it waits for help, for a while, and beyond ``LOST_SIGMA_M`` it
 does not drive at all.
 
@@ -22,7 +23,7 @@ from baselines.team_view import Landmark, RobotView, TeamView
 from coop_envs.mapping.planning import Clearance, Disc, Footprint, SafeRoutes
 from coop_envs.policy import TeamDescription
 
-SPEED_M_S, TURN_RAD_S = 0.10, 0.6
+SPEED_M_S, TURN_RAD_S = 0.10, 1.0
 LOOKAHEAD_M = 0.03
 CALM_SIGMA_M, LOOK_SIGMA_M, STOP_SIGMA_M, LOST_SIGMA_M = 0.004, 0.009, 0.015, 0.025
 LOOK_AGAIN_M = 0.08  # way driven between two looks back
@@ -114,7 +115,8 @@ class Crossing:
         if self.arrived or self.blocked or not self._dares(leader):
             return STILL
         doubt = (leader.sigma_m - CALM_SIGMA_M) / (STOP_SIGMA_M - CALM_SIGMA_M)
-        return drive_to(leader, target, self._speed_m_s * min(1.0, max(0.3, 1.0 - doubt)), self._turn_rad_s)
+        pace = min(1.0, max(0.3, 1.0 - doubt)) if any(mark.in_view for mark in view.landmarks) else 1.0
+        return drive_to(leader, target, self._speed_m_s * pace, self._turn_rad_s)
 
     def _dares(self, leader: RobotView) -> bool:
         """Whether the robot is sure enough of where it is, or has waited in vain to become so and is not quite lost."""

@@ -20,10 +20,10 @@ from baselines.crossing import Crossing, ObserverPlanner
 from baselines.driving import STILL, Drive, PathFollower, ScoutDriver, action, turn_to
 from baselines.ground_view import GroundView
 from baselines.posting import choose_posts
-from baselines.prospect import Prospect, scouting_way
+from baselines.prospect import Prospect, scouting_costs, scouting_way
 from baselines.team_view import TeamView, read_team, wrapped
 from baselines.vantage import RANGE_M, best_heading, best_stand, worth_exploring
-from coop_envs.mapping.planning import PROVEN, Footprint, SafeRoutes
+from coop_envs.mapping.planning import PROVEN, Footprint
 from coop_envs.policy import Actions, Observations, TeamDescription
 
 EXPLORE_SHARE = 0.9  # of the time limit, if there is a goal; a crossing takes the rest
@@ -31,8 +31,8 @@ PLAN_EVERY_S = 2.0
 GOAL_NEAR_M = 0.06
 IDLE_S, IDLE_AREA_M2 = 24.0, 0.015  # pickets that prove less in this time have finished here
 SEARCH_EVERY = 4  # plans between two searches for a path that the prospect does not promise
-POST_S, POST_NEAR_M = 20.0, 0.04
-SETTLE_S, TURN_S, FACING_RAD, TURN_RAD_S = 3.0, 12.0, 0.05, 0.6
+POST_S, POST_NEAR_M, POSTS_M = 20.0, 0.04, 0.1
+SETTLE_S, TURN_S, FACING_RAD, TURN_RAD_S = 3.0, 12.0, 0.05, 1.0
 FACED, SIGHT_S = 0.8, 1.0
 CROSS_S = 180.0
 
@@ -159,9 +159,10 @@ class Expedition:
 
     def _post(self, path: NDArray[np.float64]) -> Iterator[Drives]:
         """Send the pickets to where the observer will see them on its way."""
-        routes = {s.name: SafeRoutes(self.atlas.grid, s.xy, self._footprints[s.name]) for s in self._view.scouts}
-        follower = PathFollower(path, 0.05)
-        posts = choose_posts(routes, self._view.scouts, follower.points[::5], self._half_view_rad, self._planner.apart_m)
+        survey = self.atlas.survey_around(np.vstack([self.atlas.grid.known(), path]), POSTS_M)
+        places = {s.name: scouting_costs(survey, s.xy, self._footprints[s.name]) for s in self._view.scouts}
+        stations = PathFollower(path, 0.05).points[::5]
+        posts = choose_posts(places, survey.grid, stations, self._half_view_rad, self._planner.apart_m)
         if posts:
             yield from self._face(np.mean(list(posts.values()), axis=0))
             yield from self._send(posts)

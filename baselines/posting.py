@@ -1,56 +1,56 @@
-"""Where pickets should stand while the observer crosses: seen from its path, on proven ground, not in its way."""
+"""Where pickets should stand while the observer crosses: seen from its path, on likely ground, not in its way."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.team_view import RobotView
-from coop_envs.mapping.planning import BLOCKED, BeliefGrid, SafeRoutes
+from baselines.atlas import Point
+from coop_envs.mapping.planning import BLOCKED, BeliefGrid, Points
 
 NEAREST_M, FARTHEST_M = 0.15, 1.5  # a hat is seen well between these distances
-STEP_M = 0.05
 EDGE_RAD = 0.08
+TURN_RAD = 0.4  # a look aside by this much more than the view shows is worth 1/e of a look ahead
 TRAVEL_PRICE_1_M = 0.1
 APART_M = 0.25
 
 
 def choose_posts(
-    routes: dict[str, SafeRoutes],
-    scouts: tuple[RobotView, ...],
-    path_m: NDArray[np.float64],
+    places: dict[str, tuple[Points, NDArray[np.float64]]],
+    grid: BeliefGrid,
+    path_m: Points,
     half_view_rad: float,
     clear_m: float,
-) -> dict[str, tuple[float, float]]:
-    """A post (x, y) for each scout that can reach one.
+) -> dict[str, Point]:
+    """A post (x, y) for each scout that can go to one.
 
-    ``routes`` are each scout's own; posts stay ``clear_m`` (centre to centre) off the path (k, 2) and apart from each
-    other. The best post is in view along most of the path, less a price for the way there.
+    ``places`` are where each scout might go (k, 2) and what that costs (k,). Posts stay ``clear_m`` (centre to centre)
+    off the path (n, 2) and apart from each other. The best one is in view along most of the path, less a price for the
+    way there.
     """
-    posts: dict[str, tuple[float, float]] = {}
-    for scout in scouts:
-        places, cost_m = routes[scout.name].reachable()
-        free = _distances(places, path_m).min(axis=1, initial=np.inf) >= clear_m
+    posts: dict[str, Point] = {}
+    for name, (place, cost_m) in places.items():
+        free = _distances(place, path_m).min(axis=1, initial=np.inf) >= clear_m
         if posts:
-            free &= _distances(places, np.array(list(posts.values()))).min(axis=1) >= APART_M
+            free &= _distances(place, np.array(list(posts.values()))).min(axis=1) >= APART_M
         if free.any():
-            seen = share_in_view(routes[scout.name].grid, places[free], path_m, half_view_rad)
-            x, y = places[free][int(np.argmax(seen - TRAVEL_PRICE_1_M * cost_m[free]))].tolist()
-            posts[scout.name] = (x, y)
+            worth = worth_as_landmark(grid, place[free], path_m, half_view_rad) - TRAVEL_PRICE_1_M * cost_m[free]
+            x, y = place[free][int(np.argmax(worth))].tolist()
+            posts[name] = (x, y)
     return posts
 
 
-def share_in_view(
-    grid: BeliefGrid, places: NDArray[np.float64], path_m: NDArray[np.float64], half_view_rad: float
+def worth_as_landmark(
+    grid: BeliefGrid, places: Points, path_m: Points, half_view_rad: float
 ) -> NDArray[np.float64]:
-    """Share (k,) of a path's points (n, 2) from which places (k, 2) are in view of a robot that drives along it."""
+    """How well (k,), 0 to 1, places (k, 2) are in view of a robot that drives along a path (n, 2), on its average."""
     ahead = np.gradient(path_m, axis=0)
     offset = places[:, None] - path_m[None]
     distance = np.hypot(offset[..., 0], offset[..., 1])
     bearing = np.arctan2(offset[..., 1], offset[..., 0]) - np.arctan2(ahead[:, 1], ahead[:, 0])
-    bearing = (bearing + np.pi) % (2.0 * np.pi) - np.pi
-    seen = (np.abs(bearing) < half_view_rad - EDGE_RAD) & (distance > NEAREST_M) & (distance < FARTHEST_M)
-    return (seen & ~_hidden(grid, path_m[None], offset)).mean(axis=1)
+    aside = np.maximum(np.abs((bearing + np.pi) % (2.0 * np.pi) - np.pi) - (half_view_rad - EDGE_RAD), 0.0)
+    seen = (distance > NEAREST_M) & (distance < FARTHEST_M) & ~_hidden(grid, path_m[None], offset)
+    return (seen * np.exp(-aside / TURN_RAD)).mean(axis=1)
 
 
 def _hidden(grid: BeliefGrid, origin: NDArray[np.float64], offset: NDArray[np.float64]) -> NDArray[np.bool_]:

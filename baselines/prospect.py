@@ -65,6 +65,22 @@ def scouting_way(survey: Survey, start: Point, end: Point, footprint: Footprint,
 
     Known hazards are dear, not forbidden, so there is always an answer. Both ends must lie in the grid.
     """
+    first, last = (_node(survey, p) for p in (start, end))
+    search = minimum_cost_search(_scouting_price(survey, footprint, prospect))
+    search.find_costs([first], [last])
+    middle = _place(survey, np.array(search.traceback(last))[1:-1].reshape(-1, 2))
+    return np.vstack([np.asarray(start)[None], middle, np.asarray(end)[None]])
+
+
+def scouting_costs(survey: Survey, start: Point, footprint: Footprint) -> tuple[Points, NDArray[np.float64]]:
+    """Places (k, 2) where an expendable robot might go, and what it costs (k,) in metres over proven ground."""
+    price = _scouting_price(survey, footprint, None)
+    cost_m = minimum_cost_search(price).find_costs([_node(survey, start)])[0] * (0.5 * survey.grid.cell_m)
+    likely = price < FORBIDDEN_PRICE
+    return _place(survey, np.argwhere(likely)), cost_m[likely]
+
+
+def _scouting_price(survey: Survey, footprint: Footprint, prospect: Prospect | None) -> NDArray[np.float64]:
     grid = survey.grid
     price = _ground_price(survey)
     if prospect is not None:
@@ -73,11 +89,7 @@ def scouting_way(survey: Survey, start: Point, end: Point, footprint: Footprint,
     price[_touched(at_nodes(grid.ground <= HOPELESS), footprint, grid.cell_m)] = FORBIDDEN_PRICE
     body = replace(footprint, contact_radius_m=footprint.body_radius_m, margin_m=0.0)
     price[_touched(at_nodes(grid.obstacle >= BLOCKED), body, grid.cell_m)] = FORBIDDEN_PRICE
-    first, last = (_node(survey, p) for p in (start, end))
-    search = minimum_cost_search(price)
-    search.find_costs([first], [last])
-    middle = _place(survey, np.array(search.traceback(last))[1:-1].reshape(-1, 2))
-    return np.vstack([np.asarray(start)[None], middle, np.asarray(end)[None]])
+    return price
 
 
 def _ground_price(survey: Survey) -> NDArray[np.float64]:

@@ -123,8 +123,6 @@ class ExplorationParallelEnv(ParallelEnv[str, Observation, NDArray[np.float32]])
         else:
             self._episode += 1
         chosen = dict(options or {})
-        unknown = sorted(set(chosen) - {"world_index", "split"})
-        require(not unknown, "options", unknown, "world_index, split")
         split = chosen.get("split", self.split)
         index = int(chosen.get("world_index", world_index(self._seed, self._episode, self.num_worlds)))
         if self._loaded != (split, index):

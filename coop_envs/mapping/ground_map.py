@@ -20,6 +20,8 @@ LIMIT = wp.constant(112)
 PASSED = wp.constant(56)
 STUCK_HERE = wp.constant(-72)
 STUCK_NEAR = wp.constant(-32)
+TRUSTED = wp.constant(36)
+EXPLAINED_AWAY = wp.constant(4)
 GROUND, OBSTACLE = wp.constant(0), wp.constant(1)
 LAYERS = 2
 FIRST_STEP_M = wp.constant(0.02)
@@ -111,6 +113,33 @@ def stamp(
 
 
 @wp.func
+def blame(ground: GroundMap, model: MapModel, b: int, at: wp.vec2, foot: Footprint):
+    """Mark the ground that may hold a stuck robot, most under its contact disc, less around it.
+
+    Ground that other passes have proven is blamed a quarter as much: what is not proven explains the loss better.
+    """
+    corner = ground.corner[b]
+    doubt = wp.min(foot.sigma, model.mark_radius)
+    core = foot.contact_radius + doubt
+    radius = wp.max(model.mark_radius + doubt, core)
+    i0 = wp.max(int(wp.floor((at[0] - radius - corner[0]) / model.cell)), 0)
+    j0 = wp.max(int(wp.floor((at[1] - radius - corner[1]) / model.cell)), 0)
+    i1 = wp.min(int(wp.floor((at[0] + radius - corner[0]) / model.cell)), ground.cells[b][0] - 1)
+    j1 = wp.min(int(wp.floor((at[1] + radius - corner[1]) / model.cell)), ground.cells[b][1] - 1)
+    for i in range(i0, i1 + 1):
+        for j in range(j0, j1 + 1):
+            away = wp.length(corner + wp.vec2((float(i) + 0.5) * model.cell, (float(j) + 0.5) * model.cell) - at)
+            if away <= radius:
+                cell = i * model.ny + j
+                evidence = STUCK_NEAR
+                if away <= core:
+                    evidence = STUCK_HERE
+                if int(ground.log_odds[b, GROUND, cell]) >= TRUSTED:
+                    evidence = evidence // EXPLAINED_AWAY
+                add_evidence(ground, b, GROUND, cell, evidence)
+
+
+@wp.func
 def draw_footprint(ground: GroundMap, model: MapModel, b: int, r: int, foot: Footprint):
     """Enter what one robot's whereabouts tell: ground it passed, or the hazard that holds it.
 
@@ -133,10 +162,7 @@ def draw_footprint(ground: GroundMap, model: MapModel, b: int, r: int, foot: Foo
                 stamp(ground, model, b, OBSTACLE, at, body, before, body, -PASSED)
             ground.proven_at[b, r] = wp.vec3(foot.x, foot.y, 1.0)
     if foot.marks == 1:
-        doubt = wp.min(foot.sigma, model.mark_radius)
-        core = foot.contact_radius + doubt
-        stamp(ground, model, b, GROUND, at, core, nowhere, 0.0, STUCK_HERE)
-        stamp(ground, model, b, GROUND, at, model.mark_radius + doubt, at, core, STUCK_NEAR)
+        blame(ground, model, b, at, foot)
 
 
 @wp.func

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -37,11 +37,13 @@ def test_published_sequence():
     assert tuple(on_device(mixed, np.array(STATES, dtype=np.uint64)).tolist()) == PUBLISHED
 
 
+@settings(deadline=None)
 @given(st.lists(words, min_size=1, max_size=20))
 def test_host_and_device_agree(values):
     assert on_device(mixed, np.array(values, dtype=np.uint64)).tolist() == [mix(value) for value in values]
 
 
+@settings(deadline=None)
 @given(words, st.integers(0, 2**31 - 1), st.integers(0, 2**16 - 1), st.integers(0, 2**16 - 1))
 def test_a_draw_is_the_hash_of_its_place(team, tick, robot, channel):
     place = np.array([[tick, robot, channel]], dtype=np.int32)

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.linalg import polar
@@ -43,6 +43,7 @@ def test_logarithm_equals_scipys(angle):
     np.testing.assert_allclose(log(r), w, rtol=1e-6, atol=1e-12)
 
 
+@settings(deadline=None)
 @given(vectors, vectors, vectors)
 def test_rotations_are_a_group(a, b, c):
     A, B, C = exp(np.stack([a, b, c]))
@@ -54,11 +55,13 @@ def test_rotations_are_a_group(a, b, c):
     np.testing.assert_allclose(exp(A @ b)[0], A @ B @ A.T, atol=1e-13)
 
 
+@settings(deadline=None)
 @given(vectors)
 def test_turning_twice_is_turning_by_twice_the_angle(w):
     np.testing.assert_allclose(exp(2 * w)[0], exp(w)[0] @ exp(w)[0], atol=1e-13)
 
 
+@settings(deadline=None)
 @given(vectors)
 def test_logarithm_undoes_the_exponential(w):
     if np.linalg.norm(w) < 3.1:
@@ -74,12 +77,14 @@ def test_orthonormal_leaves_second_order_errors():
         assert np.max(np.abs(error)) < 30 * size**2 + 1e-15
 
 
+@settings(deadline=None)
 @given(st.floats(-3.1, 3.1), st.floats(-1.4, 1.4), st.floats(-3.1, 3.1))
 def test_heading_is_the_yaw_of_roll_pitch_yaw(yaw, pitch, roll):
     r = Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_matrix()
     assert on_device(headings, r[None])[0] == pytest.approx(yaw, abs=1e-12)
 
 
+@settings(deadline=None)
 @given(st.floats(-100.0, 100.0, width=32))
 def test_wrap_keeps_the_angle_and_stays_in_range(angle):
     (found,) = on_device(wrapped, np.array([angle], dtype=np.float32))
@@ -87,6 +92,7 @@ def test_wrap_keeps_the_angle_and_stays_in_range(angle):
     assert np.exp(1j * found) == pytest.approx(np.exp(1j * angle), abs=3e-5)
 
 
+@settings(deadline=None)
 @given(angles, st.floats(0.0, 1.375, width=32), angles)
 def test_a_body_stands_upright_on_its_plane_and_keeps_its_heading(yaw, slope, downhill):
     normal = np.array([np.sin(slope) * np.cos(downhill), np.sin(slope) * np.sin(downhill), np.cos(slope)])
@@ -98,6 +104,7 @@ def test_a_body_stands_upright_on_its_plane_and_keeps_its_heading(yaw, slope, do
     np.testing.assert_allclose(R[:2, 0] / level, [np.cos(yaw), np.sin(yaw)], atol=1e-5)
 
 
+@settings(deadline=None)
 @given(angles)
 def test_a_body_upside_down_keeps_its_heading(yaw):
     (R,) = on_device(standing, np.array([[0.1, 0.2, -1.0]]) / np.sqrt(1.05), np.array([yaw], dtype=np.float32))
