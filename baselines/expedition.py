@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from baselines.atlas import Atlas, Point
+from baselines.bumping import note_bump
 from baselines.crossing import Crossing, ObserverPlanner
 from baselines.driving import STILL, Drive, PathFollower, ScoutDriver, action, turn_to
 from baselines.ground_view import GroundView
@@ -31,7 +32,7 @@ PLAN_EVERY_S = 2.0
 GOAL_NEAR_M = 0.06
 IDLE_S, IDLE_AREA_M2 = 24.0, 0.015  # pickets that prove less in this time have finished here
 SEARCH_EVERY = 4  # plans between two searches for a path that the prospect does not promise
-POST_S, POST_NEAR_M, POSTS_M = 20.0, 0.04, 0.1
+POST_S, POST_TRIES, POST_NEAR_M, POSTS_M, OFF_M = 20.0, 5, 0.04, 0.1, 0.06
 SETTLE_S, TURN_S, FACING_RAD, TURN_RAD_S = 3.0, 12.0, 0.05, 1.0
 FACED, SIGHT_S = 0.8, 1.0
 CROSS_S = 180.0
@@ -158,15 +159,22 @@ class Expedition:
         return path is not None and (yield from self._drive_observer(path))
 
     def _post(self, path: NDArray[np.float64]) -> Iterator[Drives]:
-        """Send the pickets to where the observer will see them on its way."""
+        """Send the pickets to where the observer will see them on its way; elsewhere, if they cannot get there."""
+        for _ in range(POST_TRIES):
+            posts = self._choose_posts(path)
+            if not posts:
+                return
+            yield from self._face(np.mean(list(posts.values()), axis=0))
+            yield from self._send(posts)
+            if all(scout.distance_to(posts.get(scout.name, scout.xy)) < POST_NEAR_M for scout in self._view.scouts):
+                break
+        yield from self._sight()
+
+    def _choose_posts(self, path: NDArray[np.float64]) -> dict[str, Point]:
         survey = self.atlas.survey_around(np.vstack([self.atlas.grid.known(), path]), POSTS_M)
         places = {s.name: scouting_costs(survey, s.xy, self._footprints[s.name]) for s in self._view.scouts}
         stations = PathFollower(path, 0.05).points[::5]
-        posts = choose_posts(places, survey.grid, stations, self._half_view_rad, self._planner.apart_m)
-        if posts:
-            yield from self._face(np.mean(list(posts.values()), axis=0))
-            yield from self._send(posts)
-            yield from self._sight()
+        return choose_posts(places, survey.grid, stations, self._half_view_rad, self._planner.apart_m)
 
     def _sight(self) -> Iterator[Drives]:
         """Look at the pickets that the observer does not see, so that it knows well where its landmarks are."""
@@ -178,14 +186,22 @@ class Expedition:
                     yield HOLD
 
     def _send(self, posts: dict[str, Point]) -> Iterator[Drives]:
-        """Drive pickets to places, over proven ground where there is any, until all are there or time is up."""
+        """Drive pickets to places, over proven ground where there is any, until each is there or something stops it."""
         drivers = {name: ScoutDriver(self._members[name], self._team.decision_s, self._rng) for name in posts}
         ways = {s.name: self._way(s.name, s.xy, posts[s.name]) for s in self._view.scouts if s.name in posts}
         for _ in self._decisions(POST_S):
-            going = [s for s in self._view.scouts if s.name in ways and s.distance_to(posts[s.name]) > POST_NEAR_M]
-            if not going:
+            drives: Drives = {}
+            for scout in [s for s in self._view.scouts if s.name in ways]:
+                driver, way = drivers[scout.name], ways[scout.name]
+                aim = way.target(scout.xy)
+                drives[scout.name] = driver.go(scout, aim)
+                if driver.blocked or way.off_m > OFF_M:
+                    note_bump(scout, aim, self._members[scout.name].robot.body_radius_m, self._view, self.atlas)
+                if driver.blocked or way.off_m > OFF_M or scout.distance_to(posts[scout.name]) < POST_NEAR_M:
+                    del ways[scout.name], drives[scout.name]
+            if not ways:
                 return
-            yield {s.name: drivers[s.name].go(s, ways[s.name].target(s.xy)) for s in going}
+            yield drives
 
     def _way(self, name: str, start: Point, end: Point) -> PathFollower:
         survey = self.atlas.survey_around([start, end], 0.5)

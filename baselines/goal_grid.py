@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from baselines.atlas import Atlas, Point
+from baselines.bumping import note_bump
 from baselines.driving import SAMPLE_M, Drive, PathFollower, ScoutDriver
 from baselines.expedition import Expedition
 from baselines.ground_view import GroundView
@@ -38,7 +39,6 @@ EXACTLY_M, INWARD_M = 0.015, 0.02
 CAREFUL = 0.5  # of the cruise speed, over ground that is not proven
 LOOKAHEAD_M, DETOUR_M = 0.06, 0.5
 OFF_M = 0.06  # off its way by more, something keeps a picket from it
-ROBOT_M = 0.12  # what stops a picket this near to a robot is the robot
 
 
 class GoalGrid:
@@ -161,17 +161,9 @@ class GridScouting:
         errand.decisions_left -= 1
         if driver.blocked or errand.route.off_m > OFF_M:
             errand.tries += 1
-            self._note_bump(scout, aim, view, atlas)
+            note_bump(scout, aim, self._members[scout.name].robot.body_radius_m, view, atlas)
             errand.route = self._route(scout, errand.goal, atlas, prospect)
         return drive
-
-    def _note_bump(self, scout: RobotView, aim: Point, view: TeamView, atlas: Atlas) -> None:
-        """Mark what keeps a picket from its aim, unless it is another robot."""
-        away = self._members[scout.name].robot.body_radius_m / max(scout.distance_to(aim), 1e-3)
-        x, y = scout.x + away * (aim[0] - scout.x), scout.y + away * (aim[1] - scout.y)
-        others = [view.leader, *view.landmarks, *(other for other in view.scouts if other is not scout)]
-        if all(math.hypot(x - other.x, y - other.y) > ROBOT_M for other in others):
-            atlas.bump(scout.xy, (x, y))
 
     def _ended(self, scout: RobotView, errand: Errand, atlas: Atlas) -> bool:
         """Whether an errand is over; failures are entered."""

@@ -14,7 +14,7 @@ from coop_envs.scoring import MAPPED
 from coop_envs.simulation.state import Status
 from coop_envs.worlds.world import Hazard, World
 
-LEAST_PATH_M = 0.1
+LEAST_PATH_M, AT_EDGE_M = 0.1, 0.005
 
 
 def episode_metrics(batch: TeamBatch, b: int) -> dict[str, Any]:
@@ -32,9 +32,10 @@ def episode_metrics(batch: TeamBatch, b: int) -> dict[str, Any]:
     path_m = float(batch.state.path.numpy()[b, 0])
     picket = np.array([member.role == "picket" for member in team.members])
     lost = status > Status.ACTIVE
-    caught = np.isin(status, (Status.TRAPPED, Status.SWALLOWED))
-    found = caught & (declared == Declared.LOST)
-    visited = visited_hazards(world, batch.state.position.numpy()[b, caught, :2].astype(float))
+    reach_m = np.array([member.robot.contact_radius_m for member in team.members]) + AT_EDGE_M
+    ends = batch.state.position.numpy()[b, :, :2].astype(float)
+    found = lost & (declared == Declared.LOST)
+    visited = visited_hazards(world, ends[lost], reach_m[lost])
     return {
         "coverage": float(score.mapped.numpy()[b]) / max(int(score.reachable.numpy()[b]), 1),
         "mapped_m2": float(score.mapped.numpy()[b]) * batch.map_model.cell**2,
@@ -43,7 +44,7 @@ def episode_metrics(batch: TeamBatch, b: int) -> dict[str, Any]:
         "action_energy_j": action_j,
         "bits_per_joule": bits / energy_j if energy_j > 0 else 0.0,
         "bits_per_action_joule": bits / action_j if action_j > 0 else 0.0,
-        "hazards_found": len(visited_hazards(world, batch.state.position.numpy()[b, found, :2].astype(float))),
+        "hazards_found": len(visited_hazards(world, ends[found], reach_m[found])),
         "pickets_lost": int(np.sum(lost & picket)),
         "losses_declared": int(np.sum(declared == Declared.LOST)),
         "losses_declared_rightly": int(np.sum((declared == Declared.LOST) & lost)),
@@ -72,13 +73,10 @@ def observer_drift(batch: TeamBatch, b: int) -> tuple[float, float]:
     return drift, abs(float(np.arctan2(np.sin(turn), np.cos(turn))))
 
 
-def visited_hazards(world: World, caught_xy_m: NDArray[np.float64]) -> list[int]:
-    """Which traps and holes hold the robots caught at these points (k, 2)."""
+def visited_hazards(world: World, lost_xy_m: NDArray[np.float64], reach_m: NDArray[np.float64]) -> list[int]:
+    """Which traps and holes have robots lost at these points (k, 2) in reach (k,)."""
     traps = [k for k, hazard in enumerate(world.hazards) if hazard.kind != "slippery"]
-    if not traps or len(caught_xy_m) == 0:
-        return []
-    distance = np.stack([world.hazards[k].signed_distance_m(caught_xy_m) for k in traps])
-    return sorted({traps[k] for k in distance.argmin(axis=0)})
+    return [k for k in traps if np.any(world.hazards[k].signed_distance_m(lost_xy_m) <= reach_m)]
 
 
 def false_safe_cells(batch: TeamBatch, b: int, hazards: list[Hazard]) -> int:

@@ -130,6 +130,11 @@ class Scenario:
     physics: Physics = "fast"
 
     def __post_init__(self) -> None:
+        step_s = self.rates.tick_s / self.rates.substeps
+        for member in self.team.members:
+            step_m, limit_m = member.robot.max_speed_m_s * step_s, 0.5 * member.robot.body_radius_m
+            expected = f"enough that {member.name} moves at most {limit_m:.3f} m a substep, not {step_m:.3f}"
+            require(step_m <= limit_m, "rates.substeps", self.rates.substeps, expected)
         geometry = self.environment.geometry
         has_goal = isinstance(geometry, RandomArenaGeometry) or geometry.goal is not None
         require(has_goal or self.task.success != "goal", "task.success", "goal", "coverage, in a world without a goal")

@@ -42,8 +42,8 @@ class WorldPool:
 
     def plan(self, worlds: NDArray[np.int32]) -> Plan:
         """What people know of the starts of teams in these worlds (B,)."""
-        parts = (self.starts, self.docks, self.goals, self.corner, self.map_cells)
-        return Plan(*(part[worlds] for part in parts))
+        w = worlds
+        return Plan(self.starts[w], self.docks[w], self.goals[w], self.corner[w], self.map_cells[w])
 
 
 def open_pool(scenario: Scenario, split: Split, indices: Sequence[int]) -> WorldPool:

@@ -184,3 +184,8 @@ def test_reading_a_scenario_imports_nothing_heavy():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_robots_may_not_jump_over_walls_between_substeps() -> None:
+    with pytest.raises(ConfigError, match=r"rates\.substeps: got 1, expected enough that .* moves at most 0\.035 m"):
+        load_scenario("arena", rates={"tick_s": 0.2, "substeps": 1})

@@ -17,7 +17,16 @@ from coop_envs.estimation.joining import Plans, Prior, begin
 from coop_envs.estimation.propagation import FilterModel, propagate
 from coop_envs.estimation.settings import Estimation, Rates
 from coop_envs.geometry.arrays import allocate
-from coop_envs.mapping.ground_map import Footprint, GroundMap, MapModel, allocate_map, begin_map, draw_footprint
+from coop_envs.mapping.ground_map import (
+    SILENT,
+    STUCK,
+    Footprint,
+    GroundMap,
+    MapModel,
+    allocate_map,
+    begin_map,
+    draw_footprint,
+)
 from coop_envs.sensing.measurements import Measurements
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
@@ -63,7 +72,10 @@ def chart(
         foot.body_radius = members[r].body_radius
         working = belief.declared[b, r] == WORKING and belief.silent_s[b, r] == 0.0
         foot.proves = int(working and belief.tried_s[b, r] < PROVING_S)
-        foot.marks = int(belief.declared[b, r] == LOST and belief.marked[b, r] == 1)
+        if belief.declared[b, r] == LOST and belief.marked[b, r] == 1:
+            foot.marks = STUCK
+            if belief.silent_s[b, r] > 0.0:
+                foot.marks = SILENT
         draw_footprint(ground, model, b, r, foot)
 
 

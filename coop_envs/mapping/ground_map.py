@@ -21,6 +21,7 @@ PASSED = wp.constant(56)
 STUCK_HERE = wp.constant(-72)
 STUCK_NEAR = wp.constant(-32)
 TRUSTED = wp.constant(36)
+STUCK, SILENT = wp.constant(1), wp.constant(2)
 EXPLAINED_AWAY = wp.constant(4)
 GROUND, OBSTACLE = wp.constant(0), wp.constant(1)
 LAYERS = 2
@@ -62,7 +63,10 @@ class MapModel:
 
 @wp.struct
 class Footprint:
-    """A robot on the map: place, uncertainty (m), radii, and whether it proves ground, marks it, or neither."""
+    """A robot on the map: place, uncertainty (m), radii, and whether it proves ground.
+
+    ``marks`` is 1 where it was called stuck, 2 where it fell silent, else 0.
+    """
 
     x: float
     y: float
@@ -116,7 +120,9 @@ def stamp(
 def blame(ground: GroundMap, model: MapModel, b: int, at: wp.vec2, foot: Footprint):
     """Mark the ground that may hold a stuck robot, most under its contact disc, less around it.
 
-    Ground that other passes have proven is blamed a quarter as much: what is not proven explains the loss better.
+    Ground that passes have proven is blamed a quarter as much: what is not proven explains better what caught a robot
+    by its rim. A hole takes it by its centre, with the ground that it and others have just proven around it, so silence
+    spares none.
     """
     corner = ground.corner[b]
     doubt = wp.min(foot.sigma, model.mark_radius)
@@ -134,7 +140,7 @@ def blame(ground: GroundMap, model: MapModel, b: int, at: wp.vec2, foot: Footpri
                 evidence = STUCK_NEAR
                 if away <= core:
                     evidence = STUCK_HERE
-                if int(ground.log_odds[b, GROUND, cell]) >= TRUSTED:
+                if foot.marks == STUCK and int(ground.log_odds[b, GROUND, cell]) >= TRUSTED:
                     evidence = evidence // EXPLAINED_AWAY
                 add_evidence(ground, b, GROUND, cell, evidence)
 
@@ -161,7 +167,7 @@ def draw_footprint(ground: GroundMap, model: MapModel, b: int, r: int, foot: Foo
             if body > 0.0:
                 stamp(ground, model, b, OBSTACLE, at, body, before, body, -PASSED)
             ground.proven_at[b, r] = wp.vec3(foot.x, foot.y, 1.0)
-    if foot.marks == 1:
+    if foot.marks > 0:
         blame(ground, model, b, at, foot)
 
 
