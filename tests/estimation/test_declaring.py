@@ -41,11 +41,15 @@ def test_a_trapped_robot_that_drives_and_turns_is_declared_within_five_seconds()
     assert np.all(delay <= 5.0), delay
 
 
-def test_the_hazard_is_marked_where_the_robot_is_held():
+def test_the_hazard_is_marked_where_it_reaches_under_the_robot():
     teams = lane_with(TRAP)
     drive_and_time(teams, 60, wiggle=0.4)
     for b in range(teams.B):
-        assert ground_at(teams, b, teams.true_position()[b, PICKET, :2]) < 0
+        x, y = teams.true_position()[b, PICKET, :2]
+        edge = -0.3 - teams.state("frame")[b, 0]
+        assert x < edge < x + 0.06
+        around = [ground_at(teams, b, np.array([edge + 0.005, y + dy])) for dy in (-0.02, 0.0, 0.02)]
+        assert min(around) < 0 and ground_at(teams, b, np.array([edge + 0.05, y])) <= 0
 
 
 def ground_at(teams: Teams, b: int, xy: np.ndarray) -> int:

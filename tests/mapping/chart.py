@@ -37,13 +37,11 @@ class Chart:
         chosen = wp.ones(1, dtype=int, device="cpu")
         wp.launch(begin_map, 1, inputs=[self.map, self.model, corner, cells, poses, known_m, chosen], device="cpu")
 
-    def enter(
-        self, x: float, y: float, sigma: float = 0.0, proves: bool = True, marks: bool = False, r: int = 0
-    ) -> None:
+    def enter(self, x: float, y: float, sigma: float = 0.0, proves: bool = True, marks: int = 0, r: int = 0) -> None:
         foot = Footprint()
         foot.x, foot.y, foot.sigma = x, y, sigma
         foot.contact_radius, foot.body_radius = CONTACT, BODY
-        foot.proves, foot.marks = int(proves), int(marks)
+        foot.proves, foot.marks = int(proves), marks
         wp.launch(enter, 1, inputs=[self.map, self.model, r, foot], device="cpu")
 
     def drive(self, start: tuple[float, float], end: tuple[float, float], sigma: float = 0.0, r: int = 0) -> None:

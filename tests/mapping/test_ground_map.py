@@ -6,9 +6,11 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from coop_envs.mapping import ground_map
 from tests.mapping.chart import BODY, CELL, CONTACT, MARK, NX, NY, Chart, centres
 
 START, END = (-0.1, 0.0), (0.5, 0.1)
+STUCK, SILENT = int(ground_map.STUCK), int(ground_map.SILENT)
 
 
 @pytest.fixture
@@ -63,7 +65,7 @@ def test_standing_still_proves_nothing_more(chart):
 
 def test_a_mark_is_darkest_under_the_robot_and_ends_at_its_radius(chart):
     x, y = 0.1, 0.05
-    chart.enter(x, y, proves=False, marks=True)
+    chart.enter(x, y, proves=False, marks=STUCK)
     away = np.hypot(centres()[0] - x, centres()[1] - y)
     assert np.all(chart.ground[away <= CONTACT] < 0)
     assert np.all(chart.ground[away > max(MARK, CONTACT)] == 0)
@@ -71,10 +73,10 @@ def test_a_mark_is_darkest_under_the_robot_and_ends_at_its_radius(chart):
 
 
 def test_a_mark_grows_with_doubt_but_never_beyond_twice_its_radius(chart):
-    chart.enter(0.1, 0.05, sigma=0.03, proves=False, marks=True)
+    chart.enter(0.1, 0.05, sigma=0.03, proves=False, marks=STUCK)
     some = np.count_nonzero(chart.ground)
     far = Chart()
-    far.enter(0.1, 0.05, sigma=3.0, proves=False, marks=True)
+    far.enter(0.1, 0.05, sigma=3.0, proves=False, marks=STUCK)
     away = np.hypot(centres()[0] - 0.1, centres()[1] - 0.05)
     assert some > np.count_nonzero(away <= max(MARK, CONTACT))
     assert np.count_nonzero(far.ground) == np.count_nonzero(away <= MARK + max(MARK, CONTACT))
@@ -82,7 +84,7 @@ def test_a_mark_grows_with_doubt_but_never_beyond_twice_its_radius(chart):
 
 def test_one_pass_does_not_overcome_a_mark_and_later_ones_do(chart):
     x, y = 0.2, 0.05
-    chart.enter(x, y, proves=False, marks=True)
+    chart.enter(x, y, proves=False, marks=STUCK)
     under = np.hypot(centres()[0] - x, centres()[1] - y) <= 0.04
     chart.drive(START, END)
     assert np.all(chart.ground[under] < 0)
@@ -95,16 +97,30 @@ def test_log_odds_stay_within_their_limit(chart):
         chart.drive(START, END)
         chart.drive(END, START)
     assert chart.ground.max() == 112
-    for _ in range(6):
-        chart.enter(0.2, 0.05, proves=False, marks=True)
+    for _ in range(20):
+        chart.enter(0.2, 0.05, proves=False, marks=STUCK)
     assert chart.ground.min() == -112
+
+
+def test_proven_ground_is_spared_when_a_robot_is_stuck_and_not_when_one_falls_silent(chart):
+    x, y = 0.2, 0.05
+    chart.drive(START, END)
+    proven = chart.ground > 0
+    away = np.hypot(centres()[0] - x, centres()[1] - y)
+    chart.enter(x, y, proves=False, marks=STUCK)
+    assert np.all(chart.ground[proven] > 0)
+    assert np.all(chart.ground[~proven & (away <= CONTACT)] < 0)
+    silent = Chart()
+    silent.drive(START, END)
+    silent.enter(x, y, proves=False, marks=SILENT)
+    assert np.all(silent.ground[away <= CONTACT] < 0)
 
 
 def test_the_list_of_changes_tells_the_map(chart):
     copy = np.zeros((2, NX * NY), dtype=int)
     for k in range(30):
         x, y = -0.3 + 0.035 * k, 0.3 * np.sin(0.3 * k)
-        chart.enter(x, y, sigma=0.005 * (k % 3), marks=k % 7 == 0)
+        chart.enter(x, y, sigma=0.005 * (k % 3), marks=int(k % 7 == 0))
         for layer, cell, old, new in chart.changes():
             assert copy[layer, cell] == old
             copy[layer, cell] = new
@@ -113,7 +129,7 @@ def test_the_list_of_changes_tells_the_map(chart):
 
 
 @settings(max_examples=60, deadline=None)
-@given(x=st.floats(-3, 3), y=st.floats(-3, 3), sigma=st.floats(0, 10), marks=st.booleans())
+@given(x=st.floats(-3, 3), y=st.floats(-3, 3), sigma=st.floats(0, 10), marks=st.integers(0, 2))
 def test_any_footprint_stays_in_the_map_and_in_its_list(x, y, sigma, marks):
     chart = Chart()
     chart.enter(x, y, sigma, proves=True, marks=marks)
