@@ -121,8 +121,7 @@ def blame(ground: GroundMap, model: MapModel, b: int, at: wp.vec2, foot: Footpri
     """Mark the ground that may hold a stuck robot, most under its contact disc, less around it.
 
     Ground that passes have proven is blamed a quarter as much: what is not proven explains better what caught a robot
-    by its rim. A hole takes it by its centre, with the ground that it and others have just proven around it, so silence
-    spares none.
+    by its rim. One that fell silent may lie further on than where it was last known to be, so silence spares none.
     """
     corner = ground.corner[b]
     doubt = wp.min(foot.sigma, model.mark_radius)

@@ -46,12 +46,12 @@ def wander_slip(state: State, model: RobotModel, b: int, r: int, tick: int, dt: 
 
 @wp.func
 def meet_hazards(state: State, model: RobotModel, hazards: Hazards, b: int, r: int):
-    """A trap holds a robot whose contact disc it touches, a hole swallows one whose centre it holds."""
+    """A trap holds, and a hole swallows, a robot whose contact disc it touches."""
     foot = foot_point(state.position[b, r], state.rotation[b, r], model.body_height)
     w = state.world[b]
     for k in range(hazards.first[w], hazards.first[w + 1]):
         d = hazard_distance(hazards, k, foot[0], foot[1])
-        if hazards.kind[k] == HOLE and d < 0.0:
+        if hazards.kind[k] == HOLE and d < model.contact_radius:
             state.status[b, r] = SWALLOWED
         if hazards.kind[k] == TRAP and d < model.contact_radius and state.status[b, r] == ACTIVE:
             state.status[b, r] = TRAPPED

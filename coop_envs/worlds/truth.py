@@ -115,12 +115,11 @@ def clear_nodes(world: World, ground: Mask, body_radius_m: float, contact_radius
 def hazard_margin_m(
     hazards: Sequence[Hazard], xy_m: NDArray[np.float64], contact_radius_m: float
 ) -> NDArray[np.float64]:
-    """How far points (..., 2) are from being caught: traps catch the contact disc, holes the centre."""
+    """How far points (..., 2) are from being caught: traps and holes catch the contact disc."""
     margin = np.full(np.shape(xy_m)[:-1], np.inf)
     for hazard in hazards:
         if hazard.kind != "slippery":
-            reach = contact_radius_m if hazard.kind == "trap" else 0.0
-            margin = np.minimum(margin, hazard.signed_distance_m(xy_m) - reach)
+            margin = np.minimum(margin, hazard.signed_distance_m(xy_m) - contact_radius_m)
     return margin
 
 

@@ -43,8 +43,8 @@ class Mesh:
 class Hazard:
     """A region of ground that looks like any other: a rectangle turned by yaw and rounded by a radius.
 
-    ``half_size_m`` zero and ``radius_m`` above it make a disc. A trap holds whoever touches it, a hole swallows
-    whoever's centre enters, a slippery patch scales motion by ``motion_scale``.
+    ``half_size_m`` zero and ``radius_m`` above it make a disc. A trap holds and a hole swallows a robot
+    whose contact disc touches it; a slippery patch scales the motion of one whose centre is on it by ``motion_scale``.
     """
 
     kind: HazardKind

@@ -78,16 +78,17 @@ def test_a_trap_stops_a_robot_where_its_contact_disc_touches():
     np.testing.assert_array_equal(position(physics), held)
 
 
-def test_a_hole_swallows_a_robot_whose_centre_enters():
+def test_a_hole_swallows_a_robot_whose_contact_disc_touches_it():
     physics = drive_at(Hazard("hole", (0.4, 0.0), radius_m=0.1))
     assert status(physics) == Status.SWALLOWED
-    assert 0.3 <= position(physics)[0] <= 0.3 + 0.2 / 30.0 + 1e-4
+    edge = 0.3 - ZUMY.contact_radius_m
+    assert edge <= position(physics)[0] <= edge + 0.2 / 30.0 + 1e-4
     assert physics.measurements.heard.numpy()[0, 0] == 0
     assert np.all(physics.measurements.wheels.numpy() == 0.0)
 
 
 def test_a_hole_beside_the_way_is_passed():
-    physics = drive_at(Hazard("hole", (0.4, 0.11), radius_m=0.1))
+    physics = drive_at(Hazard("hole", (0.4, 0.16), radius_m=0.1))
     assert status(physics) == Status.ACTIVE and position(physics)[0] == pytest.approx(0.6, abs=1e-3)
 
 
