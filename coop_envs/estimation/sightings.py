@@ -30,6 +30,7 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 ENOUGH_SIGHTINGS = wp.constant(25)
 REJECTIONS = wp.constant(3)
+FRESH_S = wp.constant(2.0)
 DOUBT = wp.constant(wp.float64(0.01))
 
 
@@ -124,8 +125,11 @@ def doubt(belief: Belief, b: int, r: int):
 
 @wp.func
 def blame(belief: Belief, b: int, i: int, j: int, refused: int, accepted: int) -> int:
-    """Whose pose is off when camera i sees robot j elsewhere: the camera's if it sees all elsewhere, or alone moves."""
-    alone = belief.stationary[b, i] == 0 and belief.stationary[b, j] == 1
+    """Whose pose is off when camera i sees robot j elsewhere.
+
+    The camera's, if it sees all elsewhere, or alone moves among robots that it saw in their places just before.
+    """
+    alone = belief.stationary[b, i] == 0 and belief.stationary[b, j] == 1 and belief.unseen_s[b, j] < FRESH_S
     if accepted == 0 and (refused > 1 or alone):
         return i
     return j
