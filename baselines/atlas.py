@@ -81,10 +81,12 @@ class Atlas:
     def bump(self, from_m: Point, xy_m: Point) -> None:
         """Note that something at a point (x, y) stopped a picket coming from another; what lies behind is doubtful.
 
-        Forgotten when a window shows free space there.
+        Not noted where a body has passed, and forgotten when one does.
         """
-        self._bumped = True
         i, j = self._cell_of(xy_m)
+        if self._layers[1, i, j] <= FREE:
+            return
+        self._bumped = True
         self._layers[3, i, j] = 255
         offset = self.grid.centres_all() - xy_m
         towards = np.subtract(xy_m, from_m) / math.dist(xy_m, from_m)

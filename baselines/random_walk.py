@@ -15,13 +15,14 @@ from baselines.atlas import Atlas
 from baselines.prospect import Prospect, scouting_way
 from baselines.team_view import RobotView, TeamView
 from coop_envs.agents.team import Member
-from coop_envs.mapping.planning import HAZARD, Footprint
+from coop_envs.mapping.planning import Footprint
 from coop_envs.policy import Actions, Observations, TeamDescription, TeamNeeds
 
 PHASES = ("right", "forward", "left", "backward")
 TURN_S, DRIVE_S = (0.2, 0.6), (0.4, 2.0)  # least and most time of a phase
 OUT_OF_VIEW_S, HOME_M = 1.0, 0.40
-LOOK_AHEAD_M = 0.08
+LOOK_AHEAD_M = 0.12
+STUCK_HERE = 20  # P(ground carries robots) in 255ths up to which a robot was stuck right there
 LOOKAHEAD_M, DETOUR_M, OFF_M = 0.06, 0.5, 0.06
 
 
@@ -42,8 +43,8 @@ class WalkScouting:
     """Four phases for each picket, each for a uniformly random time.
 
     Beyond the thesis: (1) a picket that has been out of view for ``OUT_OF_VIEW_S`` drives back over known
-    ground to before the observer (the thesis's pickets stay in view by assumption); (2) a phase ends before ground that the map calls hazardous, so
-    that pickets are not lost at the same place again.
+    ground to before the observer (the thesis's pickets stay in view by assumption); (2) a phase ends before ground on which a robot got stuck, so that
+    pickets are not lost at the very same place again.
     """
 
     def __init__(self, team: TeamDescription, seed: int) -> None:
@@ -89,7 +90,7 @@ class WalkScouting:
 
     def _hazard_ahead(self, scout: RobotView, way_m: float, atlas: Atlas) -> bool:
         ahead = (scout.x + way_m * math.cos(scout.yaw), scout.y + way_m * math.sin(scout.yaw))
-        return bool(atlas.at(np.array([ahead]))[0, 0] <= HAZARD)
+        return bool(atlas.at(np.array([ahead]))[0, 0] <= STUCK_HERE)
 
 
 class Walk:

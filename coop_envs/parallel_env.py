@@ -107,6 +107,7 @@ class ExplorationParallelEnv(ParallelEnv[str, Observation, NDArray[np.float32]])
             decision_s=scenario.rates.decision_s,
             goal_known=scenario.task.success == "goal",
             time_limit_s=scenario.task.time_limit_s,
+            collects_lost=scenario.task.collect_lost,
         )
 
     def reset(
