@@ -23,8 +23,8 @@ Point = tuple[float, float]
 class Survey:
     """What the team knows of the ground.
 
-    ``grid`` is its belief, bumps taken for obstacles; ``doubt`` (nx, ny) counts failures to get to each cell; ``losses``
-    are the places of lost robots.
+    ``grid`` is its belief, bumps taken for obstacles; ``doubt`` (nx, ny) counts failures to get to each cell;
+    ``losses`` are the places of lost robots.
     """
 
     grid: BeliefGrid

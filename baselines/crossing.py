@@ -1,9 +1,8 @@
 """The observer's drive along a safe path while all others hold still as landmarks.
 
-It drives slowly, slower where its own position is uncertain and a landmark in view can mend that (without one, time only
-adds to the doubt); beyond ``LOOK_SIGMA_M`` it stops and turns to a standing
-landmark until its belief is sharp again; beyond ``STOP_SIGMA_M`` it waits for help, for a while, and beyond ``LOST_SIGMA_M`` it
-does not drive at all.
+It drives slowly, slower where its own position is uncertain and a landmark in view can mend that (without one, time
+only adds to the doubt); beyond ``LOOK_SIGMA_M`` it stops and turns to a standing landmark until its belief is sharp
+again; beyond ``STOP_SIGMA_M`` it waits for help, for a while, and beyond ``LOST_SIGMA_M`` it does not drive at all.
 
 Source: thesis 2.2.5 (navigation with the observer); chapter 5 (the inchworm rule).
 """

@@ -201,7 +201,7 @@ class GridScouting:
         weight = np.where(cells >= 0, np.exp2(-atlas.at(prospect.needed)[2].astype(float)), 0.0)
         if not weight.any():
             return None
-        share = np.bincount(cells[cells >= 0], weight[cells >= 0], len(self.grid.probability))
+        share = np.bincount(cells[cells >= 0], weight[cells >= 0], len(self.grid.probability)).astype(np.float64)
         cell = assign_goal(self.grid.probability * share, self._rng.random())
         here = np.where(cells == cell, weight, 0.0)
         place = prospect.needed[assign_goal(here, self._rng.random())]

@@ -40,9 +40,7 @@ def choose_posts(
     return posts
 
 
-def worth_as_landmark(
-    grid: BeliefGrid, places: Points, path_m: Points, half_view_rad: float
-) -> NDArray[np.float64]:
+def worth_as_landmark(grid: BeliefGrid, places: Points, path_m: Points, half_view_rad: float) -> NDArray[np.float64]:
     """How well (k,), 0 to 1, places (k, 2) are in view of a robot that drives along a path (n, 2), on its average."""
     ahead = np.gradient(path_m, axis=0)
     offset = places[:, None] - path_m[None]

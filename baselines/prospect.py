@@ -1,8 +1,8 @@
 """Ways over ground that is not proven yet: what the observer would need, and how pickets get about.
 
 The prospect is the observer's cheapest way to the goal if unknown ground turned out safe; the unproven cells that its
-contact disc would touch there are what is worth proving. Unproven ground is dear, the more so the less likely it is to carry a
-robot, after each failure to get there (a factor of 2, as in thesis 2.2.3), and near a lost robot, for hazards are wider
+contact disc would touch there are what is worth proving. Unproven ground is dear, the more so the less likely it is to
+carry a robot, after each failure to get there (a factor of 2, as in thesis 2.2.3), and near a lost robot, for hazards are wider
 than a robot's touch.
 """
 
@@ -121,7 +121,9 @@ def _touched(nodes: Mask, footprint: Footprint, cell_m: float) -> Mask:
     """Nodes within a robot's reach of the nodes of the mask."""
     from scipy.ndimage import binary_dilation
 
-    return binary_dilation(nodes, _disc(footprint.reach_m(cell_m), 0.5 * cell_m)) if nodes.any() else nodes
+    if not nodes.any():
+        return nodes
+    return np.asarray(binary_dilation(nodes, _disc(footprint.reach_m(cell_m), 0.5 * cell_m)))
 
 
 def _disc(radius_m: float, step_m: float) -> Mask:
@@ -136,7 +138,7 @@ def _node(survey: Survey, point: Point) -> tuple[int, int]:
 
 
 def _place(survey: Survey, nodes: NDArray[np.intp]) -> Points:
-    return np.asarray(survey.grid.origin_m) + 0.5 * survey.grid.cell_m * nodes
+    return np.asarray(survey.grid.origin_m, dtype=np.float64) + 0.5 * survey.grid.cell_m * nodes.astype(np.float64)
 
 
 def _mask_of(survey: Survey, points: Points) -> Mask:

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import itertools
 import math
+
 import numpy as np
 
+from baselines.atlas import Atlas
 from baselines.driving import Drive, PathFollower, ScoutDriver
 from baselines.expedition import Expedition
-from baselines.atlas import Atlas
 from baselines.prospect import Prospect, scouting_way
 from baselines.team_view import RobotView, TeamView
 from coop_envs.agents.team import Member
@@ -42,9 +43,9 @@ class RandomWalk:
 class WalkScouting:
     """Four phases for each picket, each for a uniformly random time.
 
-    Beyond the thesis: (1) a picket that has been out of view for ``OUT_OF_VIEW_S`` drives back over known
-    ground to before the observer (the thesis's pickets stay in view by assumption); (2) a phase ends before ground on which a robot got stuck, so that
-    pickets are not lost at the very same place again.
+    Beyond the thesis: (1) a picket that has been out of view for ``OUT_OF_VIEW_S`` drives back over known ground to
+    before the observer (the thesis's pickets stay in view by assumption); (2) a phase ends before ground on which a
+    robot got stuck, so that pickets are not lost at the very same place again.
     """
 
     def __init__(self, team: TeamDescription, seed: int) -> None:
@@ -55,13 +56,16 @@ class WalkScouting:
         self._drivers = {
             n: ScoutDriver(m, team.decision_s, rng) for (n, m), rng in zip(members.items(), rngs[1::2], strict=True)
         }
-        self._footprints = {
-            n: Footprint(m.robot.contact_radius_m, m.robot.body_radius_m) for n, m in members.items()
-        }
+        self._footprints = {n: Footprint(m.robot.contact_radius_m, m.robot.body_radius_m) for n, m in members.items()}
         self._unseen_s = dict.fromkeys(team.names, 0.0)
         self._way_home: dict[str, PathFollower] = {}
 
-    def command(self, view: TeamView, atlas: Atlas, prospect: Prospect | None) -> dict[str, Drive]:
+    def command(
+        self,
+        view: TeamView,
+        atlas: Atlas,
+        prospect: Prospect | None,  # noqa: ARG002  a random walk looks for nothing
+    ) -> dict[str, Drive]:
         """One drive for each scout."""
         return {scout.name: self._drive(scout, view.leader, atlas) for scout in view.scouts}
 

@@ -119,7 +119,17 @@ def _read_landmarks(leader: RobotView, observation: dict[str, np.ndarray]) -> tu
     for row in (observation["mates"][observation["mask"] > 0] * _MATE_SCALE).tolist():
         x, y = _to_team(leader, row[_MATE["x"]], row[_MATE["y"]])
         lost, docked = row[_MATE["lost"]] > 0.5, row[_MATE["docked"]] > 0.5
-        landmarks.append(Landmark(x, y, math.exp(row[_MATE["log_sigma_position"]]), lost, docked, row[_MATE["stationary"]] > 0.5, row[_MATE["i_see"]] > 0.5))
+        landmarks.append(
+            Landmark(
+                x,
+                y,
+                math.exp(row[_MATE["log_sigma_position"]]),
+                lost,
+                docked,
+                row[_MATE["stationary"]] > 0.5,
+                row[_MATE["i_see"]] > 0.5,
+            )
+        )
     return tuple(landmarks)
 
 

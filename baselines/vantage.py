@@ -22,7 +22,8 @@ TRAVEL_PRICE_1_M = 0.15
 def worth_exploring(grid: BeliefGrid, needed: Points | None) -> NDArray[np.float64]:
     """Worth (nx, ny) in square metres of proving each cell: its area if it is needed, or if unknown when none is."""
     if needed is None:
-        return ((grid.ground > HAZARD) & (grid.ground < PROVEN) & (grid.obstacle < BLOCKED)) * grid.cell_m**2
+        unknown = (grid.ground > HAZARD) & (grid.ground < PROVEN) & (grid.obstacle < BLOCKED)
+        return unknown.astype(np.float64) * grid.cell_m**2
     worth = np.zeros(grid.ground.shape)
     worth[tuple(grid.cell_of(needed).T)] = grid.cell_m**2
     return worth
@@ -31,7 +32,7 @@ def worth_exploring(grid: BeliefGrid, needed: Points | None) -> NDArray[np.float
 def best_heading(
     grid: BeliefGrid, worth: NDArray[np.float64], xy: tuple[float, float], half_view_rad: float, tried: list[float]
 ) -> tuple[float, float]:
-    """The heading (team frame) whose field of view holds the most worth, and that worth; tried headings count little."""
+    """The heading (team frame) whose field of view holds the most worth, and that worth; tried ones count little."""
     place = np.argwhere((worth > 0.0) & grid.within((*xy, RANGE_M)))
     offset = grid.centre_of(place) - xy
     bearing = np.arctan2(offset[:, 1], offset[:, 0])

@@ -55,7 +55,7 @@ class BeliefGrid:
 
     def centres_all(self) -> Points:
         """Centres (nx, ny, 2) of all cells."""
-        return self.centre_of(np.stack(np.indices(self.ground.shape), axis=-1))
+        return self.centre_of(np.moveaxis(np.indices(self.ground.shape), 0, -1))
 
     def within(self, disc: Disc) -> Mask:
         """Cells whose centre lies within the disc (x, y, radius)."""
@@ -114,12 +114,12 @@ class Clearance:
     """
 
     def __init__(self, grid: BeliefGrid, footprint: Footprint, keep_out: tuple[Disc, ...] = ()) -> None:
-        from scipy.spatial import cKDTree
+        from scipy.spatial import KDTree
 
         obstacles = grid.centres(grid.obstacle >= BLOCKED)
-        self._limits = [(cKDTree(_unproven_edge(grid)), footprint.reach_m(grid.cell_m))]
+        self._limits = [(KDTree(_unproven_edge(grid)), footprint.reach_m(grid.cell_m))]
         if len(obstacles):
-            self._limits.append((cKDTree(obstacles), footprint.body_radius_m + 0.5 * grid.cell_m))
+            self._limits.append((KDTree(obstacles), footprint.body_radius_m + 0.5 * grid.cell_m))
         self._discs = keep_out
 
     def __call__(self, points: Points) -> NDArray[np.float64]:
@@ -143,8 +143,8 @@ class SafeRoutes:
     """All safe routes of one robot from where it stands, found in one search.
 
     Nodes lie at the corners, edges and centres of cells: node (a, b) of a grid of (nx, ny) cells is at
-    ``origin + cell / 2 * (a, b)``. ``cost_m`` (2 nx + 1, 2 ny + 1) is the price of reaching each, infinite where no safe
-    route leads. Routes prefer clearance: a metre along the very edge of what is safe costs ``1 + SHYNESS``.
+    ``origin + cell / 2 * (a, b)``. ``cost_m`` (2 nx + 1, 2 ny + 1) is the price of reaching each, infinite where no
+    safe route leads. Routes prefer clearance: a metre along the very edge of what is safe costs ``1 + SHYNESS``.
     """
 
     def __init__(
@@ -183,7 +183,7 @@ class SafeRoutes:
     def nearest_to(self, goal_m: ArrayLike, radius_m: float) -> Node | None:
         """The reachable node nearest to a goal, if it lies within the goal's radius."""
         nodes = np.argwhere(np.isfinite(self.cost_m))
-        distance = np.hypot(*(self.positions(nodes) - goal_m).T)
+        distance = np.hypot(*(self.positions(nodes) - np.asarray(goal_m)).T)
         if not len(nodes) or distance.min() > radius_m:
             return None
         a, b = nodes[int(np.argmin(distance))].tolist()
@@ -226,10 +226,11 @@ def node_clearance(grid: BeliefGrid, footprint: Footprint, keep_out: tuple[Disc,
 
     half_m = 0.5 * grid.cell_m
     unproven = at_nodes(np.pad(grid.ground < PROVEN, 1, constant_values=True))
-    spare = half_m * distance_transform_edt(~unproven)[2:-2, 2:-2] - footprint.reach_m(grid.cell_m)
+    distance = half_m * np.asarray(distance_transform_edt(~unproven))
+    spare = distance[2:-2, 2:-2] - footprint.reach_m(grid.cell_m)
     obstacle = grid.obstacle >= BLOCKED
     if obstacle.any():
-        distance = half_m * distance_transform_edt(~at_nodes(obstacle))
+        distance = half_m * np.asarray(distance_transform_edt(~at_nodes(obstacle)))
         spare = np.minimum(spare, distance - footprint.body_radius_m - half_m)
     for x, y, radius in keep_out:
         dx = grid.origin_m[0] + half_m * np.arange(spare.shape[0]) - x
@@ -257,5 +258,5 @@ def _unproven_edge(grid: BeliefGrid) -> Points:
     from scipy.ndimage import binary_dilation
 
     proven = np.pad(grid.ground >= PROVEN, 1)
-    edge = binary_dilation(proven, np.ones((3, 3), dtype=bool)) & ~proven
+    edge = np.asarray(binary_dilation(proven, np.ones((3, 3), dtype=bool))) & ~proven
     return grid.centre_of(np.argwhere(edge if edge.any() else ~proven) - 1)
