@@ -2,8 +2,8 @@
 
 The prospect is the observer's cheapest way to the goal if unknown ground turned out safe; the unproven cells that its
 contact disc would touch there are what is worth proving. Unproven ground is dear, the more so the less likely it is to
-carry a robot, after each failure to get there (a factor of 2, as in thesis 2.2.3), and near a lost robot, for hazards are wider
-than a robot's touch.
+carry a robot, after each failure to get there (a factor of 2, as in thesis 2.2.3), and near a lost robot, for hazards
+are wider than a robot's touch.
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ def _touched(nodes: Mask, footprint: Footprint, cell_m: float) -> Mask:
 
     if not nodes.any():
         return nodes
-    return np.asarray(binary_dilation(nodes, _disc(footprint.reach_m(cell_m), 0.5 * cell_m)))
+    return np.asarray(binary_dilation(nodes, _disc(footprint.reach_m(cell_m), 0.5 * cell_m)), dtype=bool)
 
 
 def _disc(radius_m: float, step_m: float) -> Mask:

@@ -258,5 +258,5 @@ def _unproven_edge(grid: BeliefGrid) -> Points:
     from scipy.ndimage import binary_dilation
 
     proven = np.pad(grid.ground >= PROVEN, 1)
-    edge = np.asarray(binary_dilation(proven, np.ones((3, 3), dtype=bool))) & ~proven
+    edge = np.asarray(binary_dilation(proven, np.ones((3, 3), dtype=bool)), dtype=bool) & ~proven
     return grid.centre_of(np.argwhere(edge if edge.any() else ~proven) - 1)
