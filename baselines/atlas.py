@@ -57,7 +57,11 @@ class Atlas:
         x, y = (self._corner * self.cell_m).tolist()
         ground, obstacle, doubt, bumps = self._layers
         grid = BeliefGrid(ground, np.maximum(obstacle, bumps), (x, y), self.cell_m)
-        return Survey(grid, doubt, tuple(self._losses))
+        return Survey(grid, doubt, self.losses)
+
+    @property
+    def losses(self) -> tuple[Point, ...]:
+        return tuple(self._losses)
 
     @property
     def grid(self) -> BeliefGrid:

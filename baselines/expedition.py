@@ -32,7 +32,7 @@ PLAN_EVERY_S = 2.0
 GOAL_NEAR_M = 0.06
 IDLE_S, IDLE_AREA_M2 = 24.0, 0.015  # pickets that prove less in this time have finished here
 SEARCH_EVERY = 4  # plans between two searches for a path that the prospect does not promise
-POST_S, POST_TRIES, POST_NEAR_M, POSTS_M, OFF_M = 20.0, 5, 0.04, 0.1, 0.06
+POST_S, POST_TRIES, BOLD_TRIES, POST_NEAR_M, POSTS_M, OFF_M = 20.0, 5, 3, 0.04, 0.1, 0.06
 SETTLE_S, TURN_S, FACING_RAD, TURN_RAD_S = 3.0, 12.0, 0.05, 1.0
 FACED, SIGHT_S = 0.8, 1.0
 CROSS_S = 180.0
@@ -152,29 +152,35 @@ class Expedition:
 
     def _reach_goal(self) -> Generator[Drives, None, bool]:
         """Post the pickets and cross; whether the goal was reached."""
-        path = self._goal_path(among_scouts=False)
-        if path is not None:
-            yield from self._post(path)
+        for attempt in range(POST_TRIES):
+            path = self._goal_path(among_scouts=False)
+            if path is None:
+                return False
+            posts = self._choose_posts(path, proven_only=attempt >= BOLD_TRIES)
+            there = yield from self._post(posts)
             path = self._goal_path(among_scouts=True)
-        return path is not None and (yield from self._drive_observer(path))
+            if path is not None and (there or attempt == POST_TRIES - 1):
+                yield from self._sight()
+                return (yield from self._drive_observer(path))
+        return False
 
-    def _post(self, path: NDArray[np.float64]) -> Iterator[Drives]:
-        """Send the pickets to where the observer will see them on its way; elsewhere, if they cannot get there."""
-        for _ in range(POST_TRIES):
-            posts = self._choose_posts(path)
-            if not posts:
-                return
+    def _post(self, posts: dict[str, Point]) -> Generator[Drives, None, bool]:
+        """Send the pickets to their posts; whether all got there."""
+        if posts:
             yield from self._face(np.mean(list(posts.values()), axis=0))
             yield from self._send(posts)
-            if all(scout.distance_to(posts.get(scout.name, scout.xy)) < POST_NEAR_M for scout in self._view.scouts):
-                break
-        yield from self._sight()
+        return all(scout.distance_to(posts.get(scout.name, scout.xy)) < POST_NEAR_M for scout in self._view.scouts)
 
-    def _choose_posts(self, path: NDArray[np.float64]) -> dict[str, Point]:
-        survey = self.atlas.survey_around(np.vstack([self.atlas.grid.known(), path]), POSTS_M)
-        places = {s.name: scouting_costs(survey, s.xy, self._footprints[s.name]) for s in self._view.scouts}
+    def _choose_posts(self, path: NDArray[np.float64], proven_only: bool) -> dict[str, Point]:
+        scouts = [scout.xy for scout in self._view.scouts]
+        survey = self.atlas.survey_around(np.vstack([self.atlas.grid.known(), path, *scouts]), POSTS_M)
+        places = {
+            scout.name: scouting_costs(survey, scout.xy, self._footprints[scout.name], proven_only)
+            for scout in self._view.scouts
+        }
         stations = PathFollower(path, 0.05).points[::5]
-        return choose_posts(places, survey.grid, stations, self._half_view_rad, self._planner.apart_m)
+        clear_m = self._planner.apart_m + POST_NEAR_M
+        return choose_posts(places, survey.grid, stations, self._half_view_rad, clear_m)
 
     def _sight(self) -> Iterator[Drives]:
         """Look at the pickets that the observer does not see, so that it knows well where its landmarks are."""

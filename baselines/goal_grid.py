@@ -36,7 +36,7 @@ TRIES = 2  # T of algorithm 2.1
 EDGE_PX = 24.0
 HAZARD_SHARE, PROVEN_SHARE = 0.02, 0.1
 EXACTLY_M, INWARD_M = 0.015, 0.02
-CAREFUL = 0.5  # of the cruise speed, over ground that is not proven
+CAREFUL, CAREFUL_M = 0.5, 0.25  # of the cruise speed, over ground that is not proven or this near to a lost robot
 LOOKAHEAD_M, DETOUR_M = 0.06, 0.5
 OFF_M = 0.06  # off its way by more, something keeps a picket from it
 
@@ -156,8 +156,9 @@ class GridScouting:
             errand = self._errands[scout.name] = self._assign(scout, view, atlas, prospect)
         driver = self._drivers[scout.name]
         proven = atlas.at(np.array([scout.xy]))[0, 0] >= PROVEN
+        near_loss = any(scout.distance_to(loss) < CAREFUL_M for loss in atlas.losses)
         aim = errand.route.target(scout.xy)
-        drive = driver.go(scout, aim, 1.0 if proven else CAREFUL)
+        drive = driver.go(scout, aim, 1.0 if proven and not near_loss else CAREFUL)
         errand.decisions_left -= 1
         if driver.blocked or errand.route.off_m > OFF_M:
             errand.tries += 1
@@ -220,7 +221,7 @@ class GridScouting:
         places = _from_body(leader, self.grid.centres)
         ground, obstacle, doubt, bumps = atlas.at(places)
         shares = np.where(ground >= PROVEN, PROVEN_SHARE, np.exp2(-doubt.astype(float)))
-        shares /= suspicion(places, atlas.survey.losses)
+        shares /= suspicion(places, atlas.losses)
         shares[(ground <= HAZARD) | (np.maximum(obstacle, bumps) >= BLOCKED)] = HAZARD_SHARE
         return shares
 

@@ -25,12 +25,13 @@ def choose_posts(
     """A post (x, y) for each scout that can go to one.
 
     ``places`` are where each scout might go (k, 2) and what that costs (k,). Posts stay ``clear_m`` (centre to centre)
-    off the path (n, 2) and apart from each other. The best one is in view along most of the path, less a price for the
-    way there.
+    off the path (n, 2), or as far as there is room, and apart from each other. The best one is in view along most of
+    the path, less a price for the way there.
     """
     posts: dict[str, Point] = {}
     for name, (place, cost_m) in places.items():
-        free = _distances(place, path_m).min(axis=1, initial=np.inf) >= clear_m
+        off_m = _distances(place, path_m).min(axis=1, initial=np.inf)
+        free = off_m >= min(clear_m, off_m.max(initial=0.0))
         if posts:
             free &= _distances(place, np.array(list(posts.values()))).min(axis=1) >= APART_M
         if free.any():

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from baselines.atlas import Point, Survey
 from coop_envs.mapping.planning import (
     BLOCKED,
+    HAZARD,
     PROVEN,
+    BeliefGrid,
     Disc,
     Footprint,
     Mask,
@@ -28,8 +30,7 @@ from coop_envs.mapping.planning import (
 
 UNPROVEN_PRICE, OFF_WAY = 2.0, 3.0
 SUSPECT_M, SUSPECT_DOUBLINGS = 0.30, 3.0
-HOPELESS = 8  # P(ground carries robots) in 255ths up to which a cell is not even hoped for
-FORBIDDEN_PRICE = 300.0
+BLOCKED_PRICE, LIKELY_PRICE = 300.0, 30.0
 
 
 @dataclass(frozen=True)
@@ -43,10 +44,10 @@ class Prospect:
 def find_prospect(
     survey: Survey, start: Point, goal: Point, footprint: Footprint, keep_out: tuple[Disc, ...]
 ) -> Prospect | None:
-    """The observer's prospect, or None if known hazards and obstacles leave none. Start and goal lie in the grid."""
+    """The observer's prospect, or None if obstacles and lost robots leave none. Start and goal lie in the grid."""
     grid = survey.grid
-    price = _price_under(_ground_price(survey), footprint, grid.cell_m)
-    hoped = replace(grid, ground=np.where(grid.ground <= HOPELESS, np.uint8(0), np.uint8(255)))
+    price = _price_under(_ground_price(survey), survey.grid, footprint)
+    hoped = replace(grid, ground=np.full_like(grid.ground, 255))
     price[node_clearance(hoped, footprint, keep_out) <= 0.0] = -1.0
     first, last = (_node(survey, p) for p in (start, goal))
     price[first], price[last] = 1.0, max(price[last], 1.0)
@@ -56,14 +57,15 @@ def find_prospect(
     nodes = np.array(search.traceback(last))
     way = np.zeros(price.shape, dtype=bool)
     way[tuple(nodes.T)] = True
-    touched = _touched(way, footprint, grid.cell_m)[1::2, 1::2]
-    return Prospect(_place(survey, nodes), grid.centres(touched & (grid.ground < PROVEN)))
+    touched = _near(way, footprint.reach_m(grid.cell_m), grid.cell_m)[1::2, 1::2] & (grid.ground < PROVEN)
+    touched |= _near(way, footprint.hazard_reach_m(grid.cell_m), grid.cell_m)[1::2, 1::2] & (grid.ground <= HAZARD)
+    return Prospect(_place(survey, nodes), grid.centres(touched))
 
 
 def scouting_way(survey: Survey, start: Point, end: Point, footprint: Footprint, prospect: Prospect | None) -> Points:
     """Waypoints (k, 2) for an expendable robot: over proven ground and along the observer's way while it can.
 
-    Known hazards are dear, not forbidden, so there is always an answer. Both ends must lie in the grid.
+    Hazards and obstacles are dear, not forbidden, so there is always an answer. Both ends must lie in the grid.
     """
     first, last = (_node(survey, p) for p in (start, end))
     search = minimum_cost_search(_scouting_price(survey, footprint, prospect))
@@ -72,11 +74,13 @@ def scouting_way(survey: Survey, start: Point, end: Point, footprint: Footprint,
     return np.vstack([np.asarray(start)[None], middle, np.asarray(end)[None]])
 
 
-def scouting_costs(survey: Survey, start: Point, footprint: Footprint) -> tuple[Points, NDArray[np.float64]]:
+def scouting_costs(
+    survey: Survey, start: Point, footprint: Footprint, proven_only: bool
+) -> tuple[Points, NDArray[np.float64]]:
     """Places (k, 2) where an expendable robot might go, and what it costs (k,) in metres over proven ground."""
     price = _scouting_price(survey, footprint, None)
     cost_m = minimum_cost_search(price).find_costs([_node(survey, start)])[0] * (0.5 * survey.grid.cell_m)
-    likely = price < FORBIDDEN_PRICE
+    likely = price <= (1.0 if proven_only else LIKELY_PRICE)
     return _place(survey, np.argwhere(likely)), cost_m[likely]
 
 
@@ -85,10 +89,8 @@ def _scouting_price(survey: Survey, footprint: Footprint, prospect: Prospect | N
     price = _ground_price(survey)
     if prospect is not None:
         price = np.where(_mask_of(survey, prospect.way) | (price <= 1.0), price, OFF_WAY * price)
-    price = _price_under(price, footprint, grid.cell_m)
-    price[_touched(at_nodes(grid.ground <= HOPELESS), footprint, grid.cell_m)] = FORBIDDEN_PRICE
-    body = replace(footprint, contact_radius_m=footprint.body_radius_m, margin_m=0.0)
-    price[_touched(at_nodes(grid.obstacle >= BLOCKED), body, grid.cell_m)] = FORBIDDEN_PRICE
+    price = _price_under(price, grid, footprint)
+    price[_near(at_nodes(grid.obstacle >= BLOCKED), footprint.body_radius_m, grid.cell_m)] = BLOCKED_PRICE
     return price
 
 
@@ -108,22 +110,30 @@ def suspicion(points: Points, losses: tuple[Point, ...]) -> NDArray[np.float64]:
     return np.exp2(SUSPECT_DOUBLINGS * (1.0 - nearest / SUSPECT_M))
 
 
-def _price_under(price: NDArray[np.float64], footprint: Footprint, cell_m: float) -> NDArray[np.float64]:
-    """Mean price at each node of the cells within a robot's reach there."""
+def _price_under(price: NDArray[np.float64], grid: BeliefGrid, footprint: Footprint) -> NDArray[np.float64]:
+    """Mean price at each node of the cells within reach, and of the hazards within the hazards' wider reach."""
+    hazard = np.where(grid.ground <= HAZARD, price, 0.0)
+    mean = _mean_around(price, footprint.reach_m(grid.cell_m), grid.cell_m)
+    return mean + _mean_around(hazard, footprint.hazard_reach_m(grid.cell_m), grid.cell_m)
+
+
+def _mean_around(cells: NDArray[np.float64], distance_m: float, cell_m: float) -> NDArray[np.float64]:
+    """Mean at each node (2 nx + 1, 2 ny + 1) of the cells (nx, ny) within a distance."""
     from scipy.ndimage import correlate
 
-    disc = _disc(footprint.reach_m(cell_m), 0.5 * cell_m).astype(float)
-    total, count = (correlate(at_nodes(cells), disc, mode="constant") for cells in (price, np.ones_like(price)))
+    disc = _disc(distance_m, 0.5 * cell_m).astype(float)
+    total, count = (correlate(at_nodes(values), disc, mode="constant") for values in (cells, np.ones_like(cells)))
     return total / np.maximum(count, 1.0)
 
 
-def _touched(nodes: Mask, footprint: Footprint, cell_m: float) -> Mask:
-    """Nodes within a robot's reach of the nodes of the mask."""
+def _near(nodes: Mask, distance_m: float, cell_m: float) -> Mask:
+    """Nodes within a distance of the nodes of the mask."""
     from scipy.ndimage import binary_dilation
 
     if not nodes.any():
         return nodes
-    return np.asarray(binary_dilation(nodes, _disc(footprint.reach_m(cell_m), 0.5 * cell_m)), dtype=bool)
+
+    return np.asarray(binary_dilation(nodes, _disc(distance_m, 0.5 * cell_m)), dtype=bool)
 
 
 def _disc(radius_m: float, step_m: float) -> Mask:

@@ -92,25 +92,33 @@ class BeliefGrid:
 
 @dataclass(frozen=True)
 class Footprint:
-    """What a robot covers: the disc of ground that carries it, its body's disc, and how well it keeps to a path."""
+    """What a robot covers: the disc of ground that carries it, its body's disc, and how well it keeps to a path.
+
+    Cells tell of ground no more finely than their size; next to ground that caught a robot the margin is wider.
+    """
 
     contact_radius_m: float
     body_radius_m: float
     margin_m: float = 0.02
+    hazard_margin_m: float = 0.045
 
     def reach_m(self, cell_m: float) -> float:
-        """Distance that cell centres of unproven ground must keep.
+        """Distance that centres of unproven cells must keep.
 
         Contact radius and margin; on coarse grids half a cell's diagonal, so that a line cannot cut a cell's corner.
         """
         return max(self.contact_radius_m + self.margin_m, 0.71 * cell_m)
 
+    def hazard_reach_m(self, cell_m: float) -> float:
+        """Distance that centres of hazardous cells must keep."""
+        return max(self.contact_radius_m + self.hazard_margin_m, 0.71 * cell_m)
+
 
 class Clearance:
     """How far a robot's centre may still move before it meets ground that is not proven, an obstacle or a disc.
 
-    A point is safe where the clearance is positive: every cell whose centre lies within reach is proven, no obstacle
-    cell reaches into the body, and the point lies outside the ``keep_out`` discs.
+    A point is safe where the clearance is positive: every cell whose centre lies within reach is proven, hazards are
+    farther off, no obstacle cell reaches into the body, and the point lies outside the ``keep_out`` discs.
     """
 
     def __init__(self, grid: BeliefGrid, footprint: Footprint, keep_out: tuple[Disc, ...] = ()) -> None:
@@ -251,6 +259,12 @@ def minimum_cost_search(price: NDArray[np.float64]) -> Any:
     from skimage.graph import MCP_Geometric
 
     return MCP_Geometric(price, fully_connected=True)
+
+
+def _limits(grid: BeliefGrid, footprint: Footprint) -> tuple[tuple[Mask, float], ...]:
+    """Cells (nx, ny) besides unproven ones whose centres a robot's centre must keep away from, and by how much."""
+    hazard = (grid.ground <= HAZARD, footprint.hazard_reach_m(grid.cell_m))
+    return hazard, (grid.obstacle >= BLOCKED, footprint.body_radius_m + 0.5 * grid.cell_m)
 
 
 def _unproven_edge(grid: BeliefGrid) -> Points:

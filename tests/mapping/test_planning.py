@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import networkx as nx
 import numpy as np
 import pytest
@@ -72,7 +74,7 @@ def test_a_path_keeps_clear_of_all_that_is_not_proven(seed: int) -> None:
     if path is None:
         assert not reachable(free_nodes(grid))
         return
-    way = np.vstack([np.linspace(a, b, 50) for a, b in zip(path[:-1], path[1:], strict=True)])
+    way = np.vstack([np.linspace(a, b, 50) for a, b in itertools.pairwise(path)])
     unproven, blocked = grid.centres(grid.ground < 230), grid.centres(grid.obstacle >= 166)
     assert np.min(np.linalg.norm(way[:, None] - unproven[None], axis=-1)) > CONTACT
     assert np.min(np.linalg.norm(way[:, None] - blocked[None], axis=-1)) > BODY
@@ -92,7 +94,7 @@ def test_other_robots_are_kept_clear_of() -> None:
     grid = random_grid(0, share=0.0)
     path = safe_path(grid, START, GOAL, 0.06, FOOTPRINT, ((1.0, 1.0, 0.3),))
     assert path is not None
-    way = np.vstack([np.linspace(a, b, 50) for a, b in zip(path[:-1], path[1:], strict=True)])
+    way = np.vstack([np.linspace(a, b, 50) for a, b in itertools.pairwise(path)])
     assert np.min(np.hypot(*(way - (1.0, 1.0)).T)) >= 0.3 - 0.005
 
 
