@@ -69,7 +69,7 @@ def test_a_state_goes_on_after_other_episodes_in_other_worlds():
     env = exploration_v0.vector_env(4, "random_arena", num_worlds=6, task={"time_limit_s": 60.0})
     robots = len(env.scenario.team.members)
     actions = plans(5, 4, robots, 260)
-    env.reset(seed=2)
+    env.reset(seed=3)
     for a in actions[:40]:
         env.step(a)
     state = env.get_state()
