@@ -30,6 +30,7 @@ LOOK_S, WAIT_S, UNSURE_S = 2.0, 3.0, 6.0
 STRAYED_M = 0.03  # off the path by more, the observer stops and plans anew
 CHECK_EVERY = 5  # decisions between two looks at whether the way ahead still is safe
 NEAR_SAMPLES, TOLERANCE_M = 5, 0.005  # of the way ahead: what is under the robot already, and rounding of cells
+GOAL_NEAR_M, GOAL_AIM_M = 0.06, 0.04  # how near to the goal's centre will do, and is hoped for
 MARGIN_M = 0.3  # of unknown ground around what is known in which ways are looked for
 GAP_M = 0.02  # between two bodies
 
@@ -44,10 +45,16 @@ class ObserverPlanner:
     def __init__(self, team: TeamDescription) -> None:
         leader = team.members[0].robot
         mates_radius_m = max((member.robot.body_radius_m for member in team.members[1:]), default=0.0)
-        self.footprint = Footprint(leader.contact_radius_m, leader.body_radius_m)
+        self._cautious = self.footprint = Footprint(leader.contact_radius_m, leader.body_radius_m)
         self.apart_m = leader.body_radius_m + mates_radius_m + GAP_M
+        self.goal_near_m = max(GOAL_NEAR_M, 0.71 * team.cell_m)
         self._collects_lost = team.collects_lost
         self._set_down: Disc = (0.0, 0.0, self.apart_m)
+
+    def dare(self, daring: bool) -> None:
+        """Pass hazards as near as any unproven ground from now on, or keep well away from them."""
+        margin_m = self._cautious.margin_m if daring else self._cautious.hazard_margin_m
+        self.footprint = replace(self._cautious, hazard_margin_m=margin_m)
 
     def routes(self, view: TeamView, atlas: Atlas, among_scouts: bool) -> SafeRoutes:
         """All routes from where the observer stands; ``among_scouts`` keeps clear of live scouts, too."""
@@ -66,7 +73,8 @@ class ObserverPlanner:
         if view.goal is None:
             return None
         survey = self._trusting(view, atlas)
-        return find_prospect(survey, view.leader.xy, view.goal, self.footprint, self._bodies(survey, []))
+        goal = (*view.goal, GOAL_AIM_M)
+        return find_prospect(survey, view.leader.xy, goal, self.footprint, self._bodies(survey, []))
 
     def _trusting(self, view: TeamView, atlas: Atlas) -> Survey:
         """What is known, and the observer and its goal, with room around; the ground at the start is trusted."""

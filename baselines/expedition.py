@@ -28,9 +28,10 @@ from coop_envs.mapping.planning import PROVEN, Footprint
 from coop_envs.policy import Actions, Observations, TeamDescription
 
 EXPLORE_SHARE = 0.9  # of the time limit, if there is a goal; a crossing takes the rest
+CAUTIOUS_SHARE = 0.6  # of the time limit, in which ways keep well away from hazards
 PLAN_EVERY_S = 2.0
-GOAL_NEAR_M = 0.06
 IDLE_S, IDLE_AREA_M2 = 24.0, 0.015  # pickets that prove less in this time have finished here
+BLIND_PLANS = 5  # plans with none of the needed ground in view after which the observer looks elsewhere
 SEARCH_EVERY = 4  # plans between two searches for a path that the prospect does not promise
 POST_S, POST_TRIES, BOLD_TRIES, POST_NEAR_M, POSTS_M, OFF_M = 20.0, 5, 3, 0.04, 0.1, 0.06
 SETTLE_S, TURN_S, FACING_RAD, TURN_RAD_S = 3.0, 12.0, 0.05, 1.0
@@ -89,12 +90,16 @@ class Expedition:
     def _whole_course(self) -> Iterator[Drives]:
         if self._view.goal is not None:
             yield from self._face(self._view.goal)
-        while self._may_explore():
+        arrived = False
+        while not arrived and self._may_explore():
             yield from self._scout()
             if self._goal_path(among_scouts=False) is None:
                 yield from self._advance()
-            elif (yield from self._reach_goal()):
-                break
+            else:
+                arrived = yield from self._reach_goal()
+        if not arrived:
+            self._planner.dare(True)
+            yield from self._reach_goal()
         while True:
             yield HOLD
 
@@ -112,6 +117,7 @@ class Expedition:
     def _scout(self) -> Iterator[Drives]:
         """Let pickets explore until a path to the goal is known, nothing new is proven, or time is up."""
         proven: list[int] = []
+        blind = 0
         idle_plans = round(IDLE_S / PLAN_EVERY_S)
         while self._may_explore():
             self._prospect = self._planner.prospect(self._view, self.atlas)
@@ -120,7 +126,9 @@ class Expedition:
             proven.append(int(np.count_nonzero(self.atlas.grid.ground >= PROVEN)))
             fresh = proven[-1] - proven[-1 - idle_plans] if len(proven) > idle_plans else np.inf
             idle = fresh * self._team.cell_m**2 < IDLE_AREA_M2 and not self._needs_what_it_sees()
-            if idle or self._may_cross(len(proven)):
+            needs = self._prospect is not None and len(self._prospect.needed) > 0
+            blind = blind + 1 if needs and not self._needs_what_it_sees() else 0
+            if idle or blind >= BLIND_PLANS or self._may_cross(len(proven)):
                 return
 
     def _needs_what_it_sees(self) -> bool:
@@ -133,9 +141,15 @@ class Expedition:
         return bool(np.any(in_view & (np.hypot(offset[:, 0], offset[:, 1]) < RANGE_M)))
 
     def _may_cross(self, plans: int) -> bool:
-        """Whether a path to the goal is known; looked for when it seems likely, else only now and then."""
+        """Whether a path to the goal is known; looked for when it seems likely, else only now and then.
+
+        When time gets short, nearness to hazards is dared.
+        """
         likely = self._prospect is not None and not len(self._prospect.needed)
-        return (likely or plans % SEARCH_EVERY == 0) and self._goal_path(among_scouts=False) is not None
+        if not likely and plans % SEARCH_EVERY:
+            return False
+        self._planner.dare(self._view.time_left_s < (1.0 - CAUTIOUS_SHARE) * self._team.time_limit_s)
+        return self._goal_path(among_scouts=False) is not None
 
     # Crossing
 
@@ -144,7 +158,7 @@ class Expedition:
         if goal is None:
             return None
         routes = self._planner.routes(self._view, self.atlas, among_scouts)
-        node = routes.nearest_to(goal, max(GOAL_NEAR_M, 0.71 * self._team.cell_m))
+        node = routes.nearest_to(goal, self._planner.goal_near_m)
         path = None if node is None else routes.path_to(node)
         if path is not None and routes.clearance.along(path[-1], np.array([goal]))[0] > 0.0:
             path = np.vstack([path, goal])
@@ -233,19 +247,22 @@ class Expedition:
             yield from self._turn(self._view.leader.yaw + bearing)
 
     def _advance(self) -> Iterator[Drives]:
-        """Turn to where more unknown ground is in view, or go where there would be more."""
+        """Turn to where more unknown or needed ground is in view, or go where there would be more."""
         leader, routes = self._view.leader, self._planner.routes(self._view, self.atlas, among_scouts=True)
-        worth = worth_exploring(routes.grid, None if self._prospect is None else self._prospect.needed)
+        needed = None if self._prospect is None else self._prospect.needed
+        worth = worth_exploring(routes.grid, needed)
         self._headings.append(leader.yaw)
         heading, gain = best_heading(routes.grid, worth, leader.xy, self._half_view_rad, self._headings)
         node, around = best_stand(routes, worth, [*self._stands, leader.xy])
+        in_view = 1.0 if needed is not None else self._half_view_rad / math.pi
         path = None if node is None else routes.path_to(node)
-        if path is not None and around * self._half_view_rad / math.pi > gain:
+        if path is not None and around * in_view > gain:
             self._stands.append(leader.xy)
             self._headings.clear()
             yield from self._drive_observer(path)
-            heading, _ = best_heading(routes.grid, worth, self._view.leader.xy, self._half_view_rad, [])
-        yield from self._turn(heading)
+            heading, gain = best_heading(routes.grid, worth, self._view.leader.xy, self._half_view_rad, [])
+        if gain > 0.0:
+            yield from self._turn(heading)
         self._scouting.move_on()
 
     def _turn(self, heading: float) -> Iterator[Drives]:

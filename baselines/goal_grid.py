@@ -129,6 +129,8 @@ class GridScouting:
             name: ScoutDriver(member, team.decision_s, rng)
             for (name, member), rng in zip(self._members.items(), self._rng.spawn(len(team.names)), strict=True)
         }
+        touch_m = min(member.robot.contact_radius_m for member in team.members)
+        self._scatter_m = max(0.0, 0.5 * (team.cell_m - touch_m))
         self._errands: dict[str, Errand] = {}
         self.grid = CameraGrid(self._view)
 
@@ -170,7 +172,7 @@ class GridScouting:
         """Whether an errand is over; failures are entered."""
         proven = atlas.at(np.array([errand.target]))[0, 0] >= PROVEN
         there = scout.distance_to(errand.goal) < errand.near_m
-        if there and (proven or errand.near_m == NEAR_ENOUGH_M):
+        if there and (proven or errand.near_m == NEAR_ENOUGH_M or self._scatter_m > EXACTLY_M):
             return True
         if not there and errand.tries < TRIES and errand.decisions_left > 0:
             return False
@@ -196,7 +198,8 @@ class GridScouting:
         """A cell of the grid with needed ground, one such place, and where to go to prove it; None if none is in view.
 
         To prove ground beside the observer's way a picket goes a little nearer to the way than that, and no robot
-        comes nearer to what may lie beyond than the observer would.
+        comes nearer to what may lie beyond than the observer would. Cells wider than a robot's touch are proven bit by
+        bit: goals are scattered over them.
         """
         cells = self.grid.cells_of(_to_body(leader, prospect.needed))
         weight = np.where(cells >= 0, np.exp2(-atlas.at(prospect.needed)[2].astype(float)), 0.0)
@@ -208,6 +211,7 @@ class GridScouting:
         place = prospect.needed[assign_goal(here, self._rng.random())]
         offset = prospect.way[np.argmin(np.hypot(*(prospect.way - place).T))] - place
         goal = place + offset * min(1.0, INWARD_M / max(float(np.hypot(*offset)), 1e-9))
+        goal += self._scatter_m * self._rng.uniform(-1.0, 1.0, 2)
         return cell, (float(place[0]), float(place[1])), (float(goal[0]), float(goal[1]))
 
     def _route(self, scout: RobotView, goal: Point, atlas: Atlas, prospect: Prospect | None) -> PathFollower:

@@ -42,17 +42,22 @@ class Prospect:
 
 
 def find_prospect(
-    survey: Survey, start: Point, goal: Point, footprint: Footprint, keep_out: tuple[Disc, ...]
+    survey: Survey, start: Point, goal: Disc, footprint: Footprint, keep_out: tuple[Disc, ...]
 ) -> Prospect | None:
-    """The observer's prospect, or None if obstacles and lost robots leave none. Start and goal lie in the grid."""
+    """The observer's prospect, or None if obstacles and lost robots leave none.
+
+    The goal is a disc (x, y, radius), of which any place will do. Start and goal lie in the grid.
+    """
     grid = survey.grid
     price = _price_under(_ground_price(survey), survey.grid, footprint)
     hoped = replace(grid, ground=np.full_like(grid.ground, 255))
     price[node_clearance(hoped, footprint, keep_out) <= 0.0] = -1.0
-    first, last = (_node(survey, p) for p in (start, goal))
-    price[first], price[last] = 1.0, max(price[last], 1.0)
+    first = _node(survey, start)
+    price[first] = 1.0
     search = minimum_cost_search(price)
-    if not np.isfinite(search.find_costs([first], [last])[0][last]):
+    cost = np.where(_within(survey, goal, price.shape), search.find_costs([first])[0], np.inf)
+    last = divmod(int(np.argmin(cost)), cost.shape[1])
+    if not np.isfinite(cost[last]):
         return None
     nodes = np.array(search.traceback(last))
     way = np.zeros(price.shape, dtype=bool)
@@ -145,6 +150,13 @@ def _disc(radius_m: float, step_m: float) -> Mask:
 def _node(survey: Survey, point: Point) -> tuple[int, int]:
     a, b = np.rint((np.asarray(point) - survey.grid.origin_m) / (0.5 * survey.grid.cell_m)).astype(int).tolist()
     return a, b
+
+
+def _within(survey: Survey, disc: Disc, shape: tuple[int, int]) -> Mask:
+    """Nodes within a disc (x, y, radius)."""
+    x, y, radius = disc
+    place = _place(survey, np.moveaxis(np.indices(shape), 0, -1))
+    return np.hypot(place[..., 0] - x, place[..., 1] - y) <= radius
 
 
 def _place(survey: Survey, nodes: NDArray[np.intp]) -> Points:

@@ -20,12 +20,12 @@ TRAVEL_PRICE_1_M = 0.15
 
 
 def worth_exploring(grid: BeliefGrid, needed: Points | None) -> NDArray[np.float64]:
-    """Worth (nx, ny) in square metres of proving each cell: its area if it is needed, or if unknown when none is."""
-    if needed is None:
+    """Worth (nx, ny) of proving each cell: needed ones share 1, or else unknown ones count square metres."""
+    if needed is None or not len(needed):
         unknown = (grid.ground > HAZARD) & (grid.ground < PROVEN) & (grid.obstacle < BLOCKED)
         return unknown.astype(np.float64) * grid.cell_m**2
     worth = np.zeros(grid.ground.shape)
-    worth[tuple(grid.cell_of(needed).T)] = grid.cell_m**2
+    worth[tuple(grid.cell_of(needed).T)] = 1.0 / len(needed)
     return worth
 
 

@@ -1,6 +1,6 @@
 """What a policy sees: a function of belief and map alone, the same in simulation and on robots.
 
-Each agent gets ``self`` (26,), ``mates`` (7, 16) nearest first with ``mask`` (7,), and ``map`` (3, 16, 16), an
+Each agent gets ``self`` (26,), ``mates`` (7, 16) with ``mask`` (7,), and ``map`` (3, 16, 16), an
 ego-centred window of the team's map that is not turned with the robot, so that windows fit together. Entries are
 divided by the scales in `SELF_FIELDS` and `MATE_FIELDS`; ``value = entry * scale`` in the unit given there.
 """
@@ -327,10 +327,12 @@ def draw_mate(belief: Belief, members: wp.array[MemberModel], out: Observations,
 
 @wp.func
 def mate_rank(belief: Belief, b: int, r: int, o: int) -> float:
-    """Distance by which mates are ordered; robots in the dock come last."""
+    """Distance by which mates are ordered; lost robots come after those at work, robots in the dock last."""
     d = float(wp.length(belief.position[b, o] - belief.position[b, r]))
     if belief.declared[b, o] == WAITING:
         return 1.0e6 + float(o)
+    if belief.declared[b, o] == LOST:
+        return 1.0e5 + d
     return d
 
 
