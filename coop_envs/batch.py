@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from coop_envs.actions import ACTION_SIZE
 from coop_envs.agents.control import control, drive_models
+from coop_envs.agents.raster import Raster, rest_rasters
 from coop_envs.belief_loop import BeliefLoop, BeliefSettings
 from coop_envs.errors import ConfigError
 from coop_envs.geometry.arrays import allocate, assign, to_numpy
@@ -22,6 +23,7 @@ from coop_envs.mapping.information import cell_information_ubit
 from coop_envs.scenario import Scenario
 from coop_envs.scoring import TERMS, Score, judge, open_account, pack_truth, pickets, score_model
 from coop_envs.sensing.leds import LedModel
+from coop_envs.sensing.spots import SpotModel
 from coop_envs.simulation.fast import FastPhysics, Placement
 from coop_envs.simulation.step import Clock
 from coop_envs.world_pool import WorldPool
@@ -39,7 +41,10 @@ class TeamBatch:
         n = len(scenario.team.members)
         self.scenario, self.pool, self.teams, self.device = scenario, pool, teams, device
         leds = _led_model(scenario, pool.worlds[0])
-        self.physics = FastPhysics(scenario.team, pool.worlds, _clock(scenario), leds, teams, device, Placement())
+        spots = _spot_model(scenario, pool.worlds[0])
+        self.physics = FastPhysics(
+            scenario.team, pool.worlds, _clock(scenario), leds, spots, teams, device, Placement()
+        )
         self.state, self.running = self.physics.state, self.physics.running
         self.measurements, self.command = self.physics.measurements, self.physics.command
         settings = belief_settings(scenario, pool.map_shape)
@@ -47,13 +52,16 @@ class TeamBatch:
         self.belief, self.map, self.map_model = self.loop.belief, self.loop.map, self.loop.map_model
         self.observations = self.loop.observations
         self.actions = wp.zeros((teams, n, ACTION_SIZE), dtype=float, device=device)
-        self.score: Score = allocate(Score, (teams, n), device, terms=(teams, len(TERMS)))
-        self.truth = pack_truth(pool.worlds, pool.truth, device)
+        covered = (teams, self.map_model.nx * self.map_model.ny)
+        self.score: Score = allocate(Score, (teams, n), device, terms=(teams, len(TERMS)), covered=covered)
+        self.truth = pack_truth(pool.worlds, pool.truth, pool.solids, device)
         kinds = pickets(scenario.team, device)
         table = wp.array(cell_information_ubit(), dtype=int, device=device)
         self._accounts = [self.state, self.map, self.truth, self.map_model, self.score]
         drives = drive_models(scenario.team, scenario.task.collect_lost, device)
-        called = [self.actions, self.belief.declared, self.belief.undock, drives, self.command]
+        self.raster: Raster = allocate(Raster, (teams, n), device)
+        told = [self.actions, self.belief.declared, self.belief.undock, self.belief.clock]
+        called = [*told, drives, self.physics.lasers, self.raster, self.command]
         weights = score_model(scenario.reward, scenario.task, scenario.rates.decision_s)
         scored = [self.state, self.belief, self.map, self.truth, self.map_model, weights, self.score]
         self._control = self._record(control, (teams, n), called)
@@ -71,6 +79,7 @@ class TeamBatch:
         pool = self.pool
         self.loop.reset(chosen, pool.plan(worlds))
         mask = wp.array(chosen, dtype=int, device=self.device)
+        wp.launch(rest_rasters, self.raster.point.shape, inputs=[self.raster, mask], device=self.device)
         wp.launch(open_account, self.teams, inputs=[*self._accounts, mask], device=self.device)
 
     def snapshot(self) -> dict[str, dict[str, NDArray[np.generic]]]:
@@ -100,6 +109,7 @@ class TeamBatch:
             "score": self.score,
             "measurements": self.measurements,
             "command": self.command,
+            "raster": self.raster,
             "observations": self.observations,
         }
 
@@ -137,4 +147,12 @@ def _led_model(scenario: Scenario, world: World) -> LedModel:
     model.absorption = float(np.mean(medium.absorption_1_m)) - float(np.log1p(-medium.particulate))
     model.detection_signal, model.min_leds = sensing.detection_signal, sensing.min_leds
     model.dropout, model.outlier = sensing.dropout, sensing.outlier
+    return model
+
+
+def _spot_model(scenario: Scenario, world: World) -> SpotModel:
+    scanning = scenario.scanning
+    model = SpotModel()
+    model.gain, model.albedo, model.beam = scanning.spot_signal, world.albedo, scanning.beam_m
+    model.missed, model.false_spot, model.jitter = scanning.missed, scanning.false_spot, scanning.stamp_jitter_s
     return model

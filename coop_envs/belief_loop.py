@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,7 +52,8 @@ class BeliefLoop:
         self.belief, self.map, self.plans = self.estimator.belief, self.estimator.map, self.estimator.plans
         self.observations = allocate_observations(teams, n, device)
         seen = [self.belief, self.map, self.map_model, _view_model(settings), self.estimator.members]
-        inputs = [*seen, measurements.gyro, self.observations]
+        self.points = self.estimator.points
+        inputs = [*seen, measurements.gyro, command, self.points, self.observations]
         self._observe = wp.launch(observe, (teams, n), inputs=inputs, device=device, record_cmd=True)
 
     def reset(self, chosen: NDArray[np.int32], plan: Plan) -> None:
@@ -68,6 +70,11 @@ def _map_model(settings: BeliefSettings) -> MapModel:
     model = MapModel()
     model.nx, model.ny = settings.map_shape
     model.cell, model.mark_radius = settings.map.cell_m, settings.estimation.hazard_mark_m
+    if any(member.laser is not None for member in settings.team.members):
+        tallest_m = max(member.robot.height_m for member in settings.team.members)
+        model.levels, model.floor = settings.map.levels, settings.map.floor_m
+        model.clearance = min(math.ceil(tallest_m / model.cell), model.levels)
+        model.step, model.sweep = settings.map.step_levels, settings.map.sweep_radius_m
     return model
 
 

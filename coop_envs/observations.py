@@ -1,6 +1,6 @@
 """What a policy sees: a function of belief and map alone, the same in simulation and on robots.
 
-Each agent gets ``self`` (26,), ``mates`` (7, 16) with ``mask`` (7,), and ``map`` (3, 16, 16), an
+Each agent gets ``self`` (29,), ``mates`` (7, 16) with ``mask`` (7,), and ``map`` (3, 16, 16), an
 ego-centred window of the team's map that is not turned with the robot, so that windows fit together. Entries are
 divided by the scales in `SELF_FIELDS` and `MATE_FIELDS`; ``value = entry * scale`` in the unit given there.
 """
@@ -16,8 +16,10 @@ import warp as wp
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from coop_envs.agents.command import Command
 from coop_envs.estimation.belief import LOST, WAITING, Belief, MemberModel
 from coop_envs.estimation.declaring import position_sigma
+from coop_envs.estimation.ranging import Points
 from coop_envs.geometry.arrays import allocate
 from coop_envs.geometry.so3 import heading
 from coop_envs.mapping.ground_map import GROUND, OBSTACLE, GroundMap, MapModel, probability
@@ -66,6 +68,9 @@ SELF_FIELDS = (
     Field("reserves_left", "1", 8.0, "robots still in the dock"),
     Field("map_x", "m", 2.0, "lower corner of the map window in the team frame"),
     Field("map_y", "m", 2.0, "lower corner of the map window in the team frame"),
+    Field("has_laser", "1", 1.0, "1 with a laser that scans"),
+    Field("scan_progress", "1", 1.0, "share of the raster that is done: 1 in the decision that ends it, 0 without one"),
+    Field("points", "1", 6.0, "points that the team's scans measured in this decision"),
 )
 MATE_FIELDS = (
     Field("role_observer", "1", 1.0, "1 for an observer"),
@@ -251,8 +256,8 @@ def draw_window(
 
 @wp.func
 def draw_self(
-    belief: Belief, view: ViewModel, members: wp.array[MemberModel], out: Observations, rate: float, b: int,
-    r: int, corner: wp.vec2,
+    belief: Belief, view: ViewModel, members: wp.array[MemberModel], out: Observations, rate: float, progress: float,
+    points: int, b: int, r: int, corner: wp.vec2,
 ):  # fmt: skip
     """Fill what one agent knows of itself, in the order of `SELF_FIELDS`."""
     n = members.shape[0]
@@ -298,6 +303,9 @@ def draw_self(
     own[b, r, 23] = waiting / 8.0
     own[b, r, 24] = corner[0] / 2.0
     own[b, r, 25] = corner[1] / 2.0
+    own[b, r, 26] = float(members[r].laser)
+    own[b, r, 27] = progress
+    own[b, r, 28] = float(points) / 6.0
 
 
 @wp.func
@@ -339,7 +347,7 @@ def mate_rank(belief: Belief, b: int, r: int, o: int) -> float:
 @wp.kernel
 def observe(
     belief: Belief, ground: GroundMap, model: MapModel, view: ViewModel, members: wp.array[MemberModel],
-    gyro: wp.array3d[wp.vec3], out: Observations,
+    gyro: wp.array3d[wp.vec3], command: Command, points: Points, out: Observations,
 ):  # fmt: skip
     """Observations of every agent; one thread each."""
     b, r = wp.tid()
@@ -350,7 +358,7 @@ def observe(
     if belief.declared[b, r] != WAITING:
         for t in range(gyro.shape[2]):
             rate = rate + (gyro[b, r, t][2] - float(belief.gyro_bias[b, r][2])) / float(gyro.shape[2])
-    draw_self(belief, view, members, out, rate, b, r, corner)
+    draw_self(belief, view, members, out, rate, command.scan_progress[b, r], points.count[b], b, r, corner)
     draw_window(belief, ground, model, view, members, out, b, r, cells)
     rank = float(-1.0)
     last = int(-1)

@@ -80,6 +80,28 @@ class Sensing:
 
 
 @dataclass(frozen=True)
+class Scanning:
+    """Laser spots in cameras: signal at full power, shares of missed and false ones, jitter of the frames' stamps.
+
+    ``spot_signal`` is that of a spot on a white surface, faced squarely from ``sensing.full_signal_range_m``, on the
+    scale on which an LED at full brightness has 1 there; ``beam_m`` is the beam's width.
+    """
+
+    __pydantic_config__ = STRICT
+    spot_signal: float = 8.0
+    beam_m: float = 0.003
+    missed: float = 0.02
+    false_spot: float = 0.005
+    stamp_jitter_s: float = 0.0003
+
+    def __post_init__(self) -> None:
+        for name in ("spot_signal", "beam_m", "stamp_jitter_s"):
+            require(getattr(self, name) >= 0, f"scanning.{name}", getattr(self, name), "0 or more")
+        for name in ("missed", "false_spot"):
+            require(0 <= getattr(self, name) < 1, f"scanning.{name}", getattr(self, name), "0 up to 1")
+
+
+@dataclass(frozen=True)
 class Task:
     """What counts as done: a goal reached by the observer, or a share of the reachable ground mapped.
 
@@ -123,6 +145,7 @@ class Scenario:
     task: Task = Task()
     rates: Rates = dataclasses.field(default_factory=Rates)
     sensing: Sensing = Sensing()
+    scanning: Scanning = Scanning()
     estimation: Estimation = dataclasses.field(default_factory=Estimation)
     map: MapSettings = dataclasses.field(default_factory=MapSettings)
     reward: Reward = Reward()

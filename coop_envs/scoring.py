@@ -13,11 +13,12 @@ import warp as wp
 from coop_envs.agents.team import Team
 from coop_envs.estimation.belief import LOST, NO_SLOT, WORKING, Belief
 from coop_envs.geometry.so3 import exp_so3, log_so3
-from coop_envs.mapping.ground_map import GROUND, GroundMap, MapModel
+from coop_envs.mapping.ground_map import GROUND, OBSTACLE, VOLUME, GroundMap, MapModel
 from coop_envs.mapping.information import held_ubit
 from coop_envs.scenario import Reward, Task
 from coop_envs.sensing.poses import cholesky6, vec6d
 from coop_envs.simulation.state import ACTIVE, State
+from coop_envs.worlds.solid import SolidColumns
 from coop_envs.worlds.truth import TruthGrid
 from coop_envs.worlds.world import World
 
@@ -25,15 +26,22 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 TERMS = ("information", "energy", "action_energy", "picket_lost", "observer_lost", "goal")
 MAPPED = wp.constant(36)
+SEEN_FREE = wp.constant(-24)
 SAFE, OCCUPIED, REACHABLE = (wp.constant(k) for k in (1, 2, 4))
 MICROBIT = wp.constant(1.0e-6)
 
 
 @wp.struct
 class Truth:
-    """Cells of all worlds: world w has ``shape[w]`` of size ``cell`` from ``origin[w]``; goals x, y, radius, known."""
+    """Cells of all worlds: world w has ``shape[w]`` of size ``cell`` from ``origin[w]``; goals x, y, radius, known.
+
+    ``solid`` holds a bit for each slab of ``slab`` m from the height ``base[w]`` up; see `worlds.solid`.
+    """
 
     cells: wp.array[wp.uint8]
+    solid: wp.array[wp.uint64]
+    base: wp.array[float]
+    slab: float
     offset: wp.array[int]
     shape: wp.array[wp.vec2i]
     origin: wp.array[wp.vec2]
@@ -65,7 +73,10 @@ class Score:
     terminated, truncated, alive
         (B, N) ends of this decision, and who is left after it.
     information, mapped, reachable
-        (B,) micro-bits held; cells correctly proven, cells that could be.
+        (B,) micro-bits held; cells of reachable ground that are correctly mapped, proven by a robot or seen to be free;
+        cells that could be.
+    covered
+        (B, C) 1 for the mapped ones.
     energy, action_energy
         (B,) joules drawn by the team so far.
     prior
@@ -84,6 +95,7 @@ class Score:
     information: wp.array[wp.int64]
     mapped: wp.array[int]
     reachable: wp.array[int]
+    covered: wp.array2d[wp.int8]
     energy: wp.array[wp.float64]
     action_energy: wp.array[wp.float64]
     prior: wp.array2d[int]
@@ -104,8 +116,10 @@ def score_model(reward: Reward, task: Task, decision_s: float) -> ScoreModel:
     return model
 
 
-def pack_truth(worlds: Sequence[World], grids: Sequence[TruthGrid], device: str) -> Truth:
-    """Truth of all worlds."""
+def pack_truth(
+    worlds: Sequence[World], grids: Sequence[TruthGrid], solids: Sequence[SolidColumns], device: str
+) -> Truth:
+    """Truth of all worlds; ``solids`` may be empty where no team has a volume map."""
     truth = Truth()
     layers = [
         g.safe.astype(np.uint8) + 2 * g.obstacle.astype(np.uint8) + 4 * g.reachable.astype(np.uint8) for g in grids
@@ -117,6 +131,10 @@ def pack_truth(worlds: Sequence[World], grids: Sequence[TruthGrid], device: str)
     goals = [(*w.goal, 1.0) if w.goal is not None else (0.0, 0.0, 0.0, 0.0) for w in worlds]
     truth.goal = wp.array(goals, dtype=wp.vec4, device=device)
     truth.cell = grids[0].cell_m
+    bits = [s.bits.ravel() for s in solids] or [np.zeros(1, dtype=np.uint64)]
+    truth.solid = wp.array(np.concatenate(bits), dtype=wp.uint64, device=device)
+    truth.base = wp.array([s.base_m for s in solids] or [0.0], dtype=float, device=device)
+    truth.slab = solids[0].slab_m if solids else 1.0
     return truth
 
 
@@ -127,8 +145,8 @@ def pickets(team: Team, device: str) -> wp.array:
 
 
 @wp.func
-def truth_of(truth: Truth, w: int, frame: wp.vec4, ground: GroundMap, model: MapModel, b: int, cell: int) -> int:
-    """Truth at the centre of a map cell; beyond the world nothing is safe and all is occupied."""
+def truth_cell(truth: Truth, w: int, frame: wp.vec4, ground: GroundMap, model: MapModel, b: int, cell: int) -> int:
+    """Index of the truth at the centre of a map cell, -1 beyond the world."""
     corner = ground.corner[b]
     x = corner[0] + (float(cell // model.ny) + 0.5) * model.cell
     y = corner[1] + (float(cell % model.ny) + 0.5) * model.cell
@@ -138,8 +156,31 @@ def truth_of(truth: Truth, w: int, frame: wp.vec4, ground: GroundMap, model: Map
     j = int(wp.floor((frame[1] + s * x + c * y - truth.origin[w][1]) / truth.cell))
     n = truth.shape[w]
     if i < 0 or j < 0 or i >= n[0] or j >= n[1]:
+        return -1
+    return truth.offset[w] + i * n[1] + j
+
+
+@wp.func
+def facts_at(truth: Truth, place: int) -> int:
+    """What is true of the ground there; beyond the world nothing is safe and all is occupied."""
+    if place < 0:
         return OCCUPIED
-    return int(truth.cells[truth.offset[w] + i * n[1] + j])
+    return int(truth.cells[place])
+
+
+@wp.func
+def solid_at(truth: Truth, w: int, frame: wp.vec4, model: MapModel, place: int, level: int) -> bool:
+    """Whether a level of the volume there holds anything solid: any of the slabs whose middle lies in it."""
+    if place < 0:
+        return True
+    low = (frame[2] + model.floor + float(level) * model.cell - truth.base[w]) / truth.slab
+    first = wp.max(int(wp.ceil(low - 0.5)), 0)
+    last = wp.min(int(wp.ceil(low + model.cell / truth.slab - 0.5)) - 1, 63)
+    bits = truth.solid[place]
+    for k in range(first, last + 1):
+        if (bits >> wp.uint64(k)) & wp.uint64(1) == wp.uint64(1):
+            return True
+    return False
 
 
 @wp.func
@@ -165,20 +206,45 @@ def pose_nees(state: State, belief: Belief, b: int, r: int) -> wp.float64:
 
 
 @wp.func
+def is_fact(truth: Truth, w: int, frame: wp.vec4, model: MapModel, place: int, layer: int) -> bool:
+    """Whether a cell's statement is true: ground carries, something stands there, or a level holds something."""
+    if layer >= VOLUME:
+        return solid_at(truth, w, frame, model, place, layer - VOLUME)
+    facts = facts_at(truth, place)
+    if layer == GROUND:
+        return (facts & SAFE) != 0
+    return (facts & OCCUPIED) != 0
+
+
+@wp.func
+def covers(ground: GroundMap, model: MapModel, b: int, cell: int) -> bool:
+    """Whether a cell is mapped as ground: a robot proved it, or scans show that nothing stands there."""
+    if int(ground.log_odds[b, GROUND, cell]) >= MAPPED:
+        return True
+    return model.levels > 0 and int(ground.log_odds[b, OBSTACLE, cell]) <= SEEN_FREE
+
+
+@wp.func
 def count_information(
     state: State, ground: GroundMap, truth: Truth, model: MapModel, score: Score, table: wp.array[int], b: int
 ):
-    """Enter this decision's map changes into the team's account."""
+    """Enter this decision's map changes into the team's account.
+
+    Where there is a volume, its cells are counted and what is concluded from them is not.
+    """
+    w = state.world[b]
+    frame = state.frame[b]
     for k in range(ground.change_count[b]):
         change = ground.changes[b, k]
-        here = truth_of(truth, state.world[b], state.frame[b], ground, model, b, change[1])
-        fact = (here & OCCUPIED) != 0
-        if change[0] == GROUND:
-            fact = (here & SAFE) != 0
-        gain = held_ubit(table, change[3], fact) - held_ubit(table, change[2], fact)
-        score.information[b] = score.information[b] + wp.int64(gain)
-        if change[0] == GROUND and (here & REACHABLE) != 0:
-            score.mapped[b] = score.mapped[b] + int(change[3] >= MAPPED) - int(change[2] >= MAPPED)
+        place = truth_cell(truth, w, frame, ground, model, b, change[1])
+        if change[0] != OBSTACLE or model.levels == 0:
+            fact = is_fact(truth, w, frame, model, place, change[0])
+            gain = held_ubit(table, change[3], fact) - held_ubit(table, change[2], fact)
+            score.information[b] = score.information[b] + wp.int64(gain)
+        if change[0] < VOLUME and (facts_at(truth, place) & REACHABLE) != 0:
+            now = int(covers(ground, model, b, change[1]))
+            score.mapped[b] = score.mapped[b] + now - int(score.covered[b, change[1]])
+            score.covered[b, change[1]] = wp.int8(now)
 
 
 @wp.func
@@ -305,9 +371,12 @@ def open_account(
     score.nees_sum[b] = wp.float64(0.0)
     score.nees_count[b] = 0
     for cell in range(map_model.nx * map_model.ny):
-        if (truth_of(truth, state.world[b], state.frame[b], ground, map_model, b, cell) & REACHABLE) != 0:
+        score.covered[b, cell] = wp.int8(0)
+        place = truth_cell(truth, state.world[b], state.frame[b], ground, map_model, b, cell)
+        if (facts_at(truth, place) & REACHABLE) != 0:
             score.reachable[b] = score.reachable[b] + 1
-            score.mapped[b] = score.mapped[b] + int(int(ground.log_odds[b, GROUND, cell]) >= MAPPED)
+            score.covered[b, cell] = wp.int8(covers(ground, map_model, b, cell))
+            score.mapped[b] = score.mapped[b] + int(score.covered[b, cell])
     for r in range(score.alive.shape[1]):
         score.alive[b, r] = 1
         score.prior[b, r] = state.status[b, r]

@@ -14,6 +14,7 @@ from coop_envs.estimation.estimator import Plan
 from coop_envs.geometry.keyed_random import mix, team_key
 from coop_envs.scenario import Scenario, scenario_world
 from coop_envs.worlds.build import Split
+from coop_envs.worlds.solid import SolidColumns, solid_columns
 from coop_envs.worlds.truth import TruthGrid, truth_grid
 from coop_envs.worlds.world import World
 
@@ -23,11 +24,12 @@ class WorldPool:
     """W worlds with their truth grids, and in each team frame: starts (W, N, 3), docks (W, 3), goals (W, 4).
 
     The map of a team in world w has ``map_cells[w]`` (W, 2) cells along x and y from ``corner[w]`` (W, 2) in the team
-    frame; ``map_shape`` holds them all.
+    frame; ``map_shape`` holds them all. ``solids`` is empty for teams without a laser, which map no volume.
     """
 
     worlds: tuple[World, ...]
     truth: tuple[TruthGrid, ...]
+    solids: tuple[SolidColumns, ...]
     starts: NDArray[np.float32]
     docks: NDArray[np.float32]
     goals: NDArray[np.float32]
@@ -60,6 +62,7 @@ def open_pool(scenario: Scenario, split: Split, indices: Sequence[int]) -> World
     return WorldPool(
         worlds=worlds,
         truth=truth,
+        solids=tuple(_solids(scenario, split, index) for index in indices) if _scans(scenario) else (),
         starts=np.array(starts, dtype=np.float32),
         docks=np.array(docks, dtype=np.float32),
         goals=np.array([_goal(frame, world) for frame, world in zip(frames, worlds, strict=True)], dtype=np.float32),
@@ -80,6 +83,15 @@ def _world_and_truth(scenario: Scenario, split: Split, index: int) -> tuple[Worl
         max(robot.max_step_m for robot in robots),
     )
     return world, truth
+
+
+@functools.lru_cache(maxsize=128)
+def _solids(scenario: Scenario, split: Split, index: int) -> SolidColumns:
+    return solid_columns(_world_and_truth(scenario, split, index)[0], scenario.map.cell_m)
+
+
+def _scans(scenario: Scenario) -> bool:
+    return any(member.laser is not None for member in scenario.team.members)
 
 
 def _into(frame: Sequence[float], pose: Sequence[float]) -> tuple[float, float, float]:

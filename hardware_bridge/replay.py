@@ -9,10 +9,10 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from coop_envs.agents.command import Command
+from coop_envs.agents.command import allocate_command
 from coop_envs.belief_loop import BeliefLoop, BeliefSettings
 from coop_envs.estimation.estimator import Plan
-from coop_envs.geometry.arrays import allocate, assign
+from coop_envs.geometry.arrays import assign
 from coop_envs.observations import by_agent, observation_arrays
 from coop_envs.sensing.measurements import Measurements, allocate_measurements
 
@@ -32,7 +32,7 @@ class BeliefReplay:
     def __init__(self, settings: BeliefSettings, plan: Plan, device: str = "cpu") -> None:
         members, ticks = settings.team.members, settings.rates.ticks_per_decision
         self.measurements: Measurements = allocate_measurements(1, len(members), ticks, device)
-        self.command: Command = allocate(Command, (1, len(members)), device)
+        self.command = allocate_command(1, len(members), ticks, device)
         running = wp.ones(1, dtype=int, device=device)
         self.loop = BeliefLoop(settings, self.measurements, self.command, running, device)
         self.loop.reset(np.ones(1, dtype=np.int32), plan)

@@ -1,7 +1,12 @@
 """From a policy's action to a robot's command, the same for simulation and for robots.
 
 An action is eight numbers in [-1, 1], named in `ACTION_NAMES`. ``hold`` above 0 commands exactly zero motion. Entries a
-robot has no use for are ignored; `action_mask` says which. The scan entries are reserved for robots with a laser.
+robot has no use for are ignored; `action_mask` says which.
+
+A robot with a laser that holds and whose ``scan_request`` is above 0 draws a raster: the request is its width as a share
+of the laser's full raster, ``scan_azimuth`` (left) and ``scan_elevation`` (up) its centre as shares of the mirror's
+reach. A raster that runs goes on while it is requested; the next begins with the first decision after its end. While
+anyone of the team scans, all hats are dark, and the lasers take turns, one a tick.
 """
 
 from __future__ import annotations
@@ -11,6 +16,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from coop_envs.agents.command import Command
+from coop_envs.agents.raster import LaserModel, Raster, abandon_raster, begin_raster, next_move, on_point
 from coop_envs.agents.team import Member, Team
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
@@ -25,7 +31,7 @@ ACTION_NAMES = (
     "scan_elevation",
     "marker_brightness",
 )
-HOLD, FORWARD, YAW, BRIGHTNESS = (wp.constant(k) for k in (0, 1, 2, 7))
+HOLD, FORWARD, YAW, REQUEST, AZIMUTH, ELEVATION, BRIGHTNESS = (wp.constant(k) for k in (0, 1, 2, 4, 5, 6, 7))
 LANDMARK_BRIGHTNESS = wp.constant(0.5)
 AT_WORK = wp.constant(1)
 
@@ -76,28 +82,71 @@ def wheel_speeds(model: DriveModel, speed: float, yaw_rate: float) -> wp.vec2:
     return wp.vec2(left, right) * (scale / model.wheel_radius)
 
 
+@wp.func
+def wants_scan(
+    actions: wp.array3d[float], declared: wp.array2d[int], lasers: wp.array[LaserModel], b: int, r: int
+) -> bool:
+    """Whether a robot holds and asks for a scan that it can make."""
+    able = lasers[r].fitted == 1 and declared[b, r] == AT_WORK
+    return able and actions[b, r, HOLD] > 0.0 and actions[b, r, REQUEST] > 0.0
+
+
+@wp.func
+def scan(
+    raster: Raster, command: Command, model: LaserModel, b: int, r: int, turn: int, scanners: int, request: float,
+    azimuth: float, elevation: float,
+):  # fmt: skip
+    """One decision of scanning. The robot may light its laser in every ``scanners``-th tick, ``turn`` ticks from now."""
+    if raster.point[b, r] >= raster.points[b, r]:
+        begin_raster(raster, model, b, r, request, azimuth, elevation)
+    for t in range(command.laser.shape[2]):
+        command.galvo[b, r, t] = next_move(raster, model, b, r)
+        if on_point(raster, b, r) and t % scanners == turn:
+            command.laser[b, r, t] = model.duty
+            raster.point[b, r] = raster.point[b, r] + 1
+    command.scan_progress[b, r] = float(raster.point[b, r]) / float(raster.points[b, r])
+
+
 @wp.kernel
 def control(
-    actions: wp.array3d[float], declared: wp.array2d[int], called: wp.array2d[int],
-    models: wp.array[DriveModel], command: Command,
+    actions: wp.array3d[float], declared: wp.array2d[int], called: wp.array2d[int], clock: wp.array[int],
+    models: wp.array[DriveModel], lasers: wp.array[LaserModel], raster: Raster, command: Command,
 ):  # fmt: skip
     """Commands for every robot. One that is docked or lost stands; a lost one keeps its hat lit as a landmark."""
     b, r = wp.tid()
     model = models[r]
-    command.laser[b, r] = 0.0
-    command.galvo[b, r] = wp.vec2i(0, 0)
+    ticks = command.laser.shape[2]
+    for t in range(ticks):
+        command.laser[b, r, t] = 0.0
+        command.galvo[b, r, t] = wp.vec2i(0, 0)
+    command.scan_progress[b, r] = 0.0
+    scanners = int(0)
+    rank = int(0)
+    for o in range(models.shape[0]):
+        if wants_scan(actions, declared, lasers, b, o):
+            scanners = scanners + 1
+            if o < r:
+                rank = rank + 1
     command.undock[b, r] = called[b, r]
     command.collect[b, r] = int(declared[b, r] > AT_WORK) * model.collect
-    if declared[b, r] != AT_WORK:
-        command.wheels[b, r] = wp.vec2(0.0, 0.0)
-        command.hold[b, r] = 1
-        command.brightness[b, r] = LANDMARK_BRIGHTNESS
-        return
-    hold = actions[b, r, HOLD] > 0.0
-    command.hold[b, r] = int(hold)
     command.wheels[b, r] = wp.vec2(0.0, 0.0)
-    if not hold:
-        speed = wp.clamp(actions[b, r, FORWARD], -1.0, 1.0) * model.cruise_speed
-        yaw_rate = wp.clamp(actions[b, r, YAW], -1.0, 1.0) * model.cruise_yaw_rate
-        command.wheels[b, r] = wheel_speeds(model, speed, yaw_rate)
-    command.brightness[b, r] = 0.5 * (wp.clamp(actions[b, r, BRIGHTNESS], -1.0, 1.0) + 1.0)
+    command.hold[b, r] = 1
+    command.brightness[b, r] = LANDMARK_BRIGHTNESS
+    if declared[b, r] == AT_WORK:
+        hold = actions[b, r, HOLD] > 0.0
+        command.hold[b, r] = int(hold)
+        if not hold:
+            speed = wp.clamp(actions[b, r, FORWARD], -1.0, 1.0) * model.cruise_speed
+            yaw_rate = wp.clamp(actions[b, r, YAW], -1.0, 1.0) * model.cruise_yaw_rate
+            command.wheels[b, r] = wheel_speeds(model, speed, yaw_rate)
+        command.brightness[b, r] = 0.5 * (wp.clamp(actions[b, r, BRIGHTNESS], -1.0, 1.0) + 1.0)
+    if scanners > 0:
+        command.brightness[b, r] = 0.0
+    if wants_scan(actions, declared, lasers, b, r):
+        turn = (rank + scanners - (clock[b] * ticks) % scanners) % scanners
+        request = wp.min(actions[b, r, REQUEST], 1.0)
+        azimuth = wp.clamp(actions[b, r, AZIMUTH], -1.0, 1.0)
+        elevation = wp.clamp(actions[b, r, ELEVATION], -1.0, 1.0)
+        scan(raster, command, lasers[r], b, r, turn, scanners, request, azimuth, elevation)
+    elif lasers[r].fitted == 1:
+        abandon_raster(raster, b, r, ticks)

@@ -127,13 +127,33 @@ class Hat:
 
 @dataclass(frozen=True)
 class Laser:
-    """A steerable laser: deflection limit and power levels that the hardware can set (duty)."""
+    """A laser pointer behind a mirror with two motors, and the raster that it draws.
+
+    The motors know no position: they run for whole counts of ``count_s``, each of which turns the ray by ``count_rad``,
+    give or take ``move_noise`` of the move, until an end stop at ``max_deflection_rad``. The diode can be driven at
+    ``duties``. A raster of full width reaches ``raster_half_rad`` (azimuth, elevation) to either side of its centre, in
+    steps of ``step_counts``. ``position_m`` is where the ray leaves the body; undeflected it goes along body x.
+
+    Source: Zumy firmware (10 ms counts); thesis section 6.3 (pi/4 each way); the authors move at 1 rad/s.
+    """
 
     __pydantic_config__ = STRICT
     max_deflection_rad: float = 0.785
     duties: tuple[float, ...] = (0.0, 0.3, 0.6, 1.0)
+    count_s: float = 0.01
+    count_rad: float = 0.01
+    move_noise: float = 0.02
+    raster_half_rad: tuple[float, float] = (0.6, 0.25)
+    step_counts: int = 3
+    position_m: tuple[float, float, float] = (0.03, 0.0, 0.08)
 
     def __post_init__(self) -> None:
+        for name in ("count_s", "count_rad"):
+            require(getattr(self, name) > 0, f"laser.{name}", getattr(self, name), "more than 0")
+        require(0 <= self.move_noise < 0.5, "laser.move_noise", self.move_noise, "0 up to 0.5")
+        reach = self.raster_half_rad
+        require(all(0 < half <= 1.5 for half in reach), "laser.raster_half_rad", reach, "above 0, at most 1.5 rad")
+        require(1 <= self.step_counts <= 50, "laser.step_counts", self.step_counts, "1 to 50 counts")
         reach_fits = 0 < self.max_deflection_rad < 1.5
         require(reach_fits, "laser.max_deflection_rad", self.max_deflection_rad, "above 0, below 1.5 rad")
         duties_fit = bool(self.duties) and all(0 <= duty <= 1 for duty in self.duties)

@@ -120,9 +120,12 @@ class MemberModel:
     p_body_camera: wp.vec3d
     contact_radius: float
     body_radius: float
+    body_height: float
+    height: float
     picket: int
     reserve: int
     camera: int
+    laser: int
 
 
 def member_models(team: Team, device: str) -> wp.array:
@@ -139,8 +142,9 @@ def member_models(team: Team, device: str) -> wp.array:
         model.odometry_noise = robot.odometry_noise
         model.slip, model.slip_time = robot.slip, robot.slip_time_s
         model.contact_radius, model.body_radius = robot.contact_radius_m, robot.body_radius_m
+        model.body_height, model.height = robot.body_height_m, robot.height_m
         model.picket, model.reserve = int(member.role == "picket"), int(member.reserve)
-        model.camera = int(member.camera is not None)
+        model.camera, model.laser = int(member.camera is not None), int(member.laser is not None)
         if member.camera is not None:
             model.R_body_camera = wp.mat33d(*body_from_camera(member.camera.pitch_down_rad).ravel())
             model.p_body_camera = wp.vec3d(*member.camera.position_m)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ from coop_envs.estimation.correction import fuse
 from coop_envs.estimation.declaring import StuckModel, declare, position_sigma
 from coop_envs.estimation.joining import Plans, Prior, begin
 from coop_envs.estimation.propagation import FilterModel, propagate
+from coop_envs.estimation.ranging import GAP_GATE, Points, RangingModel, find_range
 from coop_envs.estimation.settings import Estimation, Rates
 from coop_envs.geometry.arrays import allocate
 from coop_envs.mapping.ground_map import (
@@ -27,7 +29,10 @@ from coop_envs.mapping.ground_map import (
     begin_map,
     draw_footprint,
 )
+from coop_envs.mapping.volume import judge_changes, mark_point, sweep_ray
+from coop_envs.sensing.camera import CameraModel, camera_model
 from coop_envs.sensing.measurements import Measurements
+from coop_envs.sensing.triangulation import OK
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
@@ -67,6 +72,8 @@ def chart(
         p = belief.position[b, r]
         foot.x = float(p[0])
         foot.y = float(p[1])
+        foot.z = float(p[2]) - members[r].body_height
+        foot.height = members[r].height
         foot.sigma = position_sigma(belief, b, r)
         foot.contact_radius = members[r].contact_radius
         foot.body_radius = members[r].body_radius
@@ -77,6 +84,26 @@ def chart(
             if belief.silent_s[b, r] > 0.0:
                 foot.marks = SILENT
         draw_footprint(ground, model, b, r, foot)
+
+
+@wp.kernel
+def chart_rays(
+    belief: Belief, ground: GroundMap, members: wp.array[MemberModel], points: Points, model: MapModel,
+    running: wp.array[int],
+):  # fmt: skip
+    """Enter the running teams' scan rays into their maps, and judge what stands in the way."""
+    b = wp.tid()
+    if running[b] == 0:
+        return
+    for t in range(points.answer.shape[1]):
+        if points.answer[b, t] == OK:
+            point = points.position[b, t]
+            for k in range(2):
+                i = points.cameras[b, t][k]
+                eye = belief.position[b, i] + belief.rotation[b, i] * members[i].p_body_camera
+                sweep_ray(ground, model, b, wp.vec3(eye), point)
+            mark_point(ground, model, b, point)
+    judge_changes(ground, model, b)
 
 
 class TeamEstimator:
@@ -102,7 +129,10 @@ class TeamEstimator:
         self.members = member_models(team, device)
         self.belief = allocate_belief(team, teams, device)
         reach_m = map_model.mark_radius + max(map_model.mark_radius, *(m.robot.body_radius_m for m in team.members))
-        self.map = allocate_map(teams, n, map_model, reach_m, device)
+        scanning = map_model.levels > 0
+        swept = _swept_cells(team, rates, map_model) if scanning else 0
+        self.map = allocate_map(teams, n, map_model, reach_m, device, swept)
+        self.points: Points = allocate(Points, (teams, rates.ticks_per_decision), device)
         self.plans: Plans = allocate(Plans, (teams, n), device)
         self._prior = _prior(settings)
         rows = wp.zeros((teams, 6, self.belief.covariance.shape[1]), dtype=wp.float64, device=device)
@@ -115,6 +145,11 @@ class TeamEstimator:
             self._record(declare, [*seen, _stuck_model(rates, settings), running]),
             self._record(chart, [self.belief, self.map, self.members, map_model, running]),
         ]
+        if scanning:
+            cameras = wp.array([camera_model(m.camera) for m in team.members], dtype=CameraModel, device=device)
+            ranged = [*seen, cameras, _ranging_model(team, settings), self.points, running]
+            charted = [self.belief, self.map, self.members, self.points, map_model, running]
+            self._launches += [self._record(find_range, ranged), self._record(chart_rays, charted)]
 
     def _record(self, kernel: wp.Kernel, inputs: list[object]) -> wp.Launch:
         return wp.launch(kernel, self.teams, inputs=inputs, device=self.device, record_cmd=True)
@@ -157,3 +192,18 @@ def _prior(settings: Estimation) -> Prior:
     prior.position, prior.height = settings.start_position_m, settings.start_height_m
     prior.yaw, prior.tilt = settings.start_yaw_rad, settings.start_tilt_rad
     return prior
+
+
+def _ranging_model(team: Team, settings: Estimation) -> RangingModel:
+    model = RangingModel()
+    model.limits.max_range = max(member.camera.max_range_m for member in team.members if member.camera)
+    model.limits.gap_gate, model.limits.max_sigma = GAP_GATE, settings.point_sigma_m
+    model.focal_sigma, model.centre_sigma = settings.focal_sigma, settings.centre_sigma_px
+    return model
+
+
+def _swept_cells(team: Team, rates: Rates, model: MapModel) -> int:
+    """The most cells that one decision's rays, two a tick, can change, and the columns that are judged for it."""
+    reach = max(member.camera.max_range_m for member in team.members if member.camera) / model.cell
+    across = (2 * math.ceil(max(model.sweep / model.cell, 0.5) * math.sqrt(3.0)) + 1) ** 2
+    return 2 * rates.ticks_per_decision * math.ceil(reach + 2.0) * across

@@ -33,7 +33,8 @@ class Estimation:
 
     ``start_*`` say how exactly people set robots down and how level the ground is there: standard deviations, which the
     filter starts from; within ``start_ground_m`` of there they have seen the ground carry a robot. ``slip_*`` are the
-    random walk of a robot at rest.
+    random walk of a robot at rest. ``focal_sigma`` (relative) and ``centre_sigma_px`` say how well the cameras are
+    calibrated; a point that is less certain than ``point_sigma_m`` is not used.
     """
 
     __pydantic_config__ = STRICT
@@ -49,6 +50,9 @@ class Estimation:
     start_yaw_rad: float = 0.06
     start_tilt_rad: float = 0.05
     start_ground_m: float = 0.10
+    focal_sigma: float = 0.0
+    centre_sigma_px: float = 0.0
+    point_sigma_m: float = 0.05
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -57,12 +61,25 @@ class Estimation:
 
 @dataclass(frozen=True)
 class MapSettings:
-    """The belief's grid and the window of it that a policy sees."""
+    """The belief's grid and the window of it that a policy sees.
+
+    Teams with lasers hold ``levels`` of cells above each other from ``floor_m`` in the team frame on (the first
+    observer's body at its start has height 0). Ground that rises by ``step_levels`` from a cell to the next can still be
+    driven. A scan ray sweeps free what is within ``sweep_radius_m``.
+    """
 
     __pydantic_config__ = STRICT
     cell_m: float = 0.05
     ego_stride: int = 1
+    levels: int = 4
+    floor_m: float = -0.075
+    step_levels: int = 0
+    sweep_radius_m: float = 0.05
 
     def __post_init__(self) -> None:
         require(0.01 <= self.cell_m <= 0.5, "map.cell_m", self.cell_m, "0.01 to 0.5 m")
         require(1 <= self.ego_stride <= 16, "map.ego_stride", self.ego_stride, "1 to 16 cells")
+        require(1 <= self.levels <= 64, "map.levels", self.levels, "1 to 64")
+        require(self.floor_m <= 0, "map.floor_m", self.floor_m, "0 m or less, under the robots")
+        require(0 <= self.step_levels <= 4, "map.step_levels", self.step_levels, "0 to 4")
+        require(0 <= self.sweep_radius_m <= 0.5, "map.sweep_radius_m", self.sweep_radius_m, "0 to 0.5 m")

@@ -172,3 +172,33 @@ def blocked(terrain: Terrain, w: int, a: wp.vec3, b: wp.vec3, slack: float) -> b
     if terrain.mesh[w] != wp.uint64(0):
         return wp.mesh_query_ray_anyhit(terrain.mesh[w], a, d / length, length - slack)
     return cast_height_field(terrain, w, a, d / length, length - slack) >= 0.0
+
+
+@wp.func
+def slope_normal(h: wp.vec4, u: float, v: float, cell: float) -> wp.vec3:
+    """Upward unit normal of the triangle at (u, v) within a cell with these corners."""
+    if u + v <= 1.0:
+        return wp.normalize(wp.vec3(h[0] - h[2], h[0] - h[1], cell))
+    return wp.normalize(wp.vec3(h[1] - h[3], h[2] - h[3], cell))
+
+
+@wp.func
+def surface_normal(terrain: Terrain, w: int, start: wp.vec3, direction: wp.vec3, t: float) -> wp.vec3:
+    """Unit normal, towards the ray's start, of the surface that `cast_ray` found at t."""
+    normal = -direction
+    if terrain.mesh[w] != wp.uint64(0):
+        query = wp.mesh_query_ray(terrain.mesh[w], start, direction, t + 1.0e-3)
+        if query.result:
+            normal = query.normal
+    else:
+        cell = terrain.cell[w]
+        n = terrain.shape[w]
+        hit = start + direction * t
+        gx = (hit[0] - terrain.origin[w][0]) / cell
+        gy = (hit[1] - terrain.origin[w][1]) / cell
+        i = wp.clamp(int(gx), 0, n[0] - 2)
+        j = wp.clamp(int(gy), 0, n[1] - 2)
+        normal = slope_normal(corner_heights(terrain, w, i, j), gx - float(i), gy - float(j), cell)
+    if wp.dot(normal, direction) > 0.0:
+        return -normal
+    return normal

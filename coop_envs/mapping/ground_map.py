@@ -1,7 +1,8 @@
 """The team's map: log-odds, cell by cell, that the ground carries robots and that something stands in the way.
 
 Ground is proven by robots passing over it (thesis section 2.2.4) and called hazardous around a robot that got stuck;
-later passes may prove it after all (section 2.3 asks for that). Cells are counted in the team frame.
+later passes may prove it after all (section 2.3 asks for that). Cells are counted in the team frame. Teams with lasers
+also hold a volume, levels of cells above each other (see `volume`), from which they judge what stands in the way.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ STUCK_NEAR = wp.constant(-32)
 TRUSTED = wp.constant(36)
 STUCK, SILENT = wp.constant(1), wp.constant(2)
 EXPLAINED_AWAY = wp.constant(4)
-GROUND, OBSTACLE = wp.constant(0), wp.constant(1)
+GROUND, OBSTACLE, VOLUME = wp.constant(0), wp.constant(1), wp.constant(2)
 LAYERS = 2
 FIRST_STEP_M = wp.constant(0.02)
 SIGMAS = wp.constant(2.0)
@@ -35,15 +36,18 @@ class GroundMap:
 
     log_odds
         (B, 2, C) of "the ground carries robots" and of "something stands here", in sixteenths.
+    volume
+        (B, L, C) of "something is here", level by level from the lowest, in sixteenths.
     corner, cells
         (B,) lower corner in the team frame (m); cells along x and y that the team's own ground has, at most nx and ny.
     proven_at
         (B, N) x, y, 1 where a robot's footprint was last entered.
     changes, change_count
-        (B, K) layer, cell, old and new value of what this decision changed; (B,) how many.
+        (B, K) layer, cell, old and new value of what this decision changed; (B,) how many. Layer `VOLUME` + k is level k.
     """
 
     log_odds: wp.array3d[wp.int8]
+    volume: wp.array3d[wp.int8]
     corner: wp.array[wp.vec2]
     cells: wp.array[wp.vec2i]
     proven_at: wp.array2d[wp.vec3]
@@ -53,23 +57,34 @@ class GroundMap:
 
 @wp.struct
 class MapModel:
-    """Cells along x and y, their size (m), and the radius of ground called hazardous around a stuck robot."""
+    """Cells along x and y, their size (m), and the radius of ground called hazardous around a stuck robot.
+
+    ``levels`` (0: no volume) start at height ``floor`` in the team frame. A robot needs ``clearance`` free levels to
+    pass, over ground that rises by at most ``step`` levels a cell. Rays sweep free what is within ``sweep`` (m) of them.
+    """
 
     nx: int
     ny: int
     cell: float
     mark_radius: float
+    levels: int
+    floor: float
+    clearance: int
+    step: int
+    sweep: float
 
 
 @wp.struct
 class Footprint:
-    """A robot on the map: place, uncertainty (m), radii, and whether it proves ground.
+    """A robot on the map: place (z: of the ground under it), uncertainty (m), radii, and whether it proves ground.
 
     ``marks`` is 1 where it was called stuck, 2 where it fell silent, else 0.
     """
 
     x: float
     y: float
+    z: float
+    height: float
     sigma: float
     contact_radius: float
     body_radius: float
@@ -77,25 +92,48 @@ class Footprint:
     marks: int
 
 
-def allocate_map(teams: int, robots: int, model: MapModel, reach_m: float, device: str) -> GroundMap:
-    """Maps of nothing yet; ``reach_m`` is the largest radius that a robot changes around itself."""
+def allocate_map(
+    teams: int, robots: int, model: MapModel, reach_m: float, device: str, swept_cells: int = 0
+) -> GroundMap:
+    """Maps of nothing yet; ``reach_m`` is the largest radius that a robot changes around itself.
+
+    ``swept_cells`` is how many cells of the volume the rays of one decision may change.
+    """
     side = 2 * math.ceil(reach_m / model.cell) + 3
-    changes = (teams, robots * LAYERS * side * side)
+    changes = (teams, robots * (LAYERS + model.levels) * side * side + swept_cells)
     log_odds = (teams, LAYERS, model.nx * model.ny)
-    return allocate(GroundMap, (teams, robots), device, log_odds=log_odds, changes=changes)
+    volume = (teams, model.levels, model.nx * model.ny)
+    return allocate(GroundMap, (teams, robots), device, log_odds=log_odds, volume=volume, changes=changes)
+
+
+@wp.func
+def evidence_at(ground: GroundMap, b: int, layer: int, cell: int) -> int:
+    """Log-odds of a cell of a layer or, from `VOLUME` on, of a level."""
+    if layer >= VOLUME:
+        return int(ground.volume[b, layer - VOLUME, cell])
+    return int(ground.log_odds[b, layer, cell])
+
+
+@wp.func
+def set_evidence(ground: GroundMap, b: int, layer: int, cell: int, new: int):
+    """Overwrite the log-odds of a cell and note the change."""
+    old = evidence_at(ground, b, layer, cell)
+    if new == old:
+        return
+    if layer >= VOLUME:
+        ground.volume[b, layer - VOLUME, cell] = wp.int8(new)
+    else:
+        ground.log_odds[b, layer, cell] = wp.int8(new)
+    k = ground.change_count[b]
+    if k < ground.changes.shape[1]:
+        ground.changes[b, k] = wp.vec4i(layer, cell, old, new)
+        ground.change_count[b] = k + 1
 
 
 @wp.func
 def add_evidence(ground: GroundMap, b: int, layer: int, cell: int, evidence: int):
     """Add log-odds to one cell and note the change."""
-    old = int(ground.log_odds[b, layer, cell])
-    new = wp.clamp(old + evidence, -LIMIT, LIMIT)
-    if new != old:
-        ground.log_odds[b, layer, cell] = wp.int8(new)
-        k = ground.change_count[b]
-        if k < ground.changes.shape[1]:
-            ground.changes[b, k] = wp.vec4i(layer, cell, old, new)
-            ground.change_count[b] = k + 1
+    set_evidence(ground, b, layer, cell, wp.clamp(evidence_at(ground, b, layer, cell) + evidence, -LIMIT, LIMIT))
 
 
 @wp.func
@@ -163,8 +201,12 @@ def draw_footprint(ground: GroundMap, model: MapModel, b: int, r: int, foot: Foo
             body = foot.body_radius - SIGMAS * foot.sigma
             if contact > 0.0:
                 stamp(ground, model, b, GROUND, at, contact, before, contact, PASSED)
-            if body > 0.0:
+            if body > 0.0 and model.levels == 0:
                 stamp(ground, model, b, OBSTACLE, at, body, before, body, -PASSED)
+            for level in range(model.levels):
+                above = model.floor + (float(level) + 0.5) * model.cell - foot.z
+                if body > 0.0 and above > 0.5 * model.cell and above < foot.height:
+                    stamp(ground, model, b, VOLUME + level, at, body, before, body, -PASSED)
             ground.proven_at[b, r] = wp.vec3(foot.x, foot.y, 1.0)
     if foot.marks > 0:
         blame(ground, model, b, at, foot)
@@ -196,6 +238,9 @@ def begin_map(
     for layer in range(ground.log_odds.shape[1]):
         for c in range(ground.log_odds.shape[2]):
             ground.log_odds[b, layer, c] = wp.int8(0)
+    for level in range(model.levels):
+        for c in range(ground.volume.shape[2]):
+            ground.volume[b, level, c] = wp.int8(0)
     for r in range(ground.proven_at.shape[1]):
         ground.proven_at[b, r] = wp.vec3(0.0, 0.0, 0.0)
         at = wp.vec2(start[b, r][0], start[b, r][1])

@@ -10,6 +10,10 @@ from numpy.typing import NDArray
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
+FIXED_POINT_STEPS = wp.constant(3)
+INVERSION_STEPS = wp.constant(12)
+INVERTED = wp.constant(wp.float64(1.0e-22))
+
 
 class Calibration(Protocol):
     """What a camera's description must hold: image size, intrinsics, distortion (k1, k2, p1, p2, k3), mounting."""
@@ -103,6 +107,59 @@ def project(camera: CameraModel, p_camera: wp.vec3) -> wp.vec2:
     xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
     yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
     return wp.vec2(camera.focal[0] * xd + camera.centre[0], camera.focal[1] * yd + camera.centre[1])
+
+
+@wp.func
+def bearing_d(camera: CameraModel, uv: wp.vec2d) -> wp.vec3d:
+    """Unit direction in camera axes of the ray behind a pixel, in double precision; zero where there is none.
+
+    Inverts `project` by a fixed point, then by Newton's method; a pixel has no answer beyond the model's fold.
+    """
+    k1 = wp.float64(camera.radial[0])
+    k2 = wp.float64(camera.radial[1])
+    k3 = wp.float64(camera.radial[2])
+    p1 = wp.float64(camera.tangential[0])
+    p2 = wp.float64(camera.tangential[1])
+    one = wp.float64(1.0)
+    two = wp.float64(2.0)
+    six = wp.float64(6.0)
+    xd = (uv[0] - wp.float64(camera.centre[0])) / wp.float64(camera.focal[0])
+    yd = (uv[1] - wp.float64(camera.centre[1])) / wp.float64(camera.focal[1])
+    x = wp.float64(xd)
+    y = wp.float64(yd)
+    left = wp.float64(1.0)
+    for step in range(INVERSION_STEPS):
+        r2 = x * x + y * y
+        radial = one + r2 * (k1 + r2 * (k2 + r2 * k3))
+        dx = two * p1 * x * y + p2 * (r2 + two * x * x)
+        dy = p1 * (r2 + two * y * y) + two * p2 * x * y
+        ex = xd - x * radial - dx
+        ey = yd - y * radial - dy
+        left = ex * ex + ey * ey
+        if left < INVERTED:
+            break
+        if step < FIXED_POINT_STEPS:
+            x = (xd - dx) / radial
+            y = (yd - dy) / radial
+        else:
+            slope = two * (k1 + r2 * (two * k2 + r2 * wp.float64(3.0) * k3))
+            a = radial + x * x * slope + two * p1 * y + six * p2 * x
+            b = x * y * slope + two * (p1 * x + p2 * y)
+            d = radial + y * y * slope + two * p2 * x + six * p1 * y
+            det = a * d - b * b
+            if det <= wp.float64(0.0):
+                break
+            x = x + (d * ex - b * ey) / det
+            y = y + (a * ey - b * ex) / det
+    if not (left < INVERTED and x * x + y * y <= wp.float64(camera.fold)):
+        return wp.vec3d()
+    return wp.normalize(wp.vec3d(x, y, one))
+
+
+@wp.func
+def bearing(camera: CameraModel, uv: wp.vec2) -> wp.vec3:
+    """Unit direction in camera axes of the ray behind a pixel; zero where there is none (see `bearing_d`)."""
+    return wp.vec3(bearing_d(camera, wp.vec2d(uv)))
 
 
 @wp.func

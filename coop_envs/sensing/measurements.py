@@ -25,6 +25,9 @@ class Measurements:
         (B, N) mean left and right wheel speed from the encoders, rad/s.
     battery
         (B, N) remaining fraction.
+    spot, spot_sigma, spot_stamp
+        (B, N, T) pixel of the laser spot in each camera's frame at the end of each tick, the standard deviation of its
+        centroid (px; 0 where there is no spot), and the frame's time after the end of the tick (s).
     seen
         (B, N, N) 1 where the camera of robot i gave a pose of robot j.
     p_camera_body, R_camera_body
@@ -39,6 +42,9 @@ class Measurements:
     docked: wp.array2d[int]
     wheels: wp.array2d[wp.vec2]
     battery: wp.array2d[float]
+    spot: wp.array3d[wp.vec2]
+    spot_sigma: wp.array3d[float]
+    spot_stamp: wp.array3d[float]
     seen: wp.array3d[int]
     p_camera_body: wp.array3d[wp.vec3]
     R_camera_body: wp.array3d[wp.mat33]
@@ -47,5 +53,6 @@ class Measurements:
 
 def allocate_measurements(teams: int, robots: int, ticks: int, device: str) -> Measurements:
     """Measurements of nothing yet."""
-    samples = (teams, robots, ticks)
-    return allocate(Measurements, (teams, robots, robots), device, gyro=samples, accel=samples)
+    names = ("gyro", "accel", "spot", "spot_sigma", "spot_stamp")
+    samples = dict.fromkeys(names, (teams, robots, ticks))
+    return allocate(Measurements, (teams, robots, robots), device, **samples)

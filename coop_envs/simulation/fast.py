@@ -9,14 +9,17 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from coop_envs.agents.command import Command
+from coop_envs.agents.command import allocate_command
+from coop_envs.agents.raster import laser_models
 from coop_envs.agents.team import Team
 from coop_envs.geometry.arrays import allocate
 from coop_envs.sensing.leds import LedModel
 from coop_envs.sensing.measurements import allocate_measurements
+from coop_envs.sensing.spots import SpotModel
 from coop_envs.simulation.dynamics import Ground
 from coop_envs.simulation.parameters import pack_hazards, pack_robots, pack_terrain
 from coop_envs.simulation.reset import Starts, place_teams, serve_dock
+from coop_envs.simulation.scan import shine
 from coop_envs.simulation.sight import see
 from coop_envs.simulation.state import State
 from coop_envs.simulation.step import Clock, advance
@@ -40,6 +43,7 @@ class FastPhysics:
         worlds: Sequence[World],
         clock: Clock,
         led_model: LedModel,
+        spot_model: SpotModel,
         teams: int,
         device: str,
         placement: Placement,
@@ -52,8 +56,9 @@ class FastPhysics:
         self.ground.hazards = pack_hazards(worlds, device)
         self.ground.friction = worlds[0].friction
         self.starts = _pack_starts(worlds, n, placement, device)
-        self.state: State = allocate(State, (teams, n), device)
-        self.command: Command = allocate(Command, (teams, n), device)
+        self.state: State = allocate(State, (teams, n, clock.ticks), device)
+        self.command = allocate_command(teams, n, clock.ticks, device)
+        self.lasers = laser_models(team, clock.tick_s, device)
         self.measurements = allocate_measurements(teams, n, clock.ticks, device)
         self.running = wp.ones(teams, dtype=int, device=device)
         shared = [self.state, self.command]
@@ -61,10 +66,14 @@ class FastPhysics:
             serve_dock, teams, [*shared, self.robots, self.starts, self.ground, self.running]
         )
         self._advance = self._record(
-            advance, teams, [*shared, self.measurements, self.robots, self.ground, clock, self.running]
+            advance, teams, [*shared, self.measurements, self.robots, self.lasers, self.ground, clock, self.running]
         )
         sight = [*shared, self.measurements, self.robots, self.cameras, leds, led_model, self.ground, self.running]
         self._see = self._record(see, (teams, n), sight)
+
+        lit = [*shared, self.measurements, self.robots, self.lasers, self.cameras, led_model, spot_model]
+        scanning = any(member.laser is not None for member in team.members)
+        self._shine = [self._record(shine, (teams, clock.ticks), [*lit, self.ground, self.running])] * scanning
 
     def _record(self, kernel: wp.Kernel, dim: int | tuple[int, int], inputs: list[object]) -> wp.Launch:
         return wp.launch(kernel, dim, inputs=inputs, device=self.device, record_cmd=True)
@@ -80,6 +89,8 @@ class FastPhysics:
         self._serve_dock.launch()
         self._advance.launch()
         self._see.launch()
+        for launch in self._shine:
+            launch.launch()
 
 
 def _pack_starts(worlds: Sequence[World], robots: int, placement: Placement, device: str) -> Starts:

@@ -70,6 +70,9 @@ def place_teams(
         if model.reserve == 1:
             state.status[b, r] = DOCKED
         state.slip[b, r] = normal2(draw_key(key[b], 0, r, PLACE_CHANNEL + 2)) * model.slip
+        for t in range(state.mirror.shape[2]):
+            state.mirror[b, r, t] = wp.vec2(0.0, 0.0)
+        state.mirror_left[b, r] = wp.vec2(0.0, 0.0)
         state.energy[b, r] = wp.vec4d()
         state.path[b, r] = 0.0
         state.gyro_bias[b, r] = normal3(key[b], 0, r, BIAS_CHANNEL + 1) * model.gyro_bias

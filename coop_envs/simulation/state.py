@@ -38,6 +38,9 @@ class State:
         (B, N) a `Status`; 1 where someone has taken a lost robot out of the world.
     energy
         (B, N) joules drawn so far: idle, motion, markers, scanner.
+    mirror, mirror_left
+        (B, N, T) deflection (left, up; rad) of the laser's mirror at the end of each tick of the last decision; (B, N)
+        seconds that its motors still run, negative for right and down.
     gyro_bias, accel_bias
         (B, N) of the IMUs, rad/s and m/s^2.
     path
@@ -57,6 +60,8 @@ class State:
     status: wp.array2d[int]
     collected: wp.array2d[int]
     energy: wp.array2d[wp.vec4d]
+    mirror: wp.array3d[wp.vec2]
+    mirror_left: wp.array2d[wp.vec2]
     gyro_bias: wp.array2d[wp.vec3]
     accel_bias: wp.array2d[wp.vec3]
     path: wp.array2d[float]

@@ -6,12 +6,14 @@ import warp as wp
 
 from coop_envs.agents.command import Command
 from coop_envs.agents.power import marker_power_w, motion_power_w, scanner_power_w
+from coop_envs.agents.raster import LaserModel
 from coop_envs.geometry.keyed_random import draw_key, normal2, normal3
 from coop_envs.geometry.so3 import log_so3
 from coop_envs.sensing.measurements import Measurements
 from coop_envs.simulation.dynamics import Ground, drive, restless, spin_wheels
 from coop_envs.simulation.footing import foot_point
 from coop_envs.simulation.hazards import hazard_distance
+from coop_envs.simulation.mirror import turn_mirror
 from coop_envs.simulation.parameters import HOLE, TRAP, Hazards, RobotModel
 from coop_envs.simulation.state import ACTIVE, DEPLETED, DOCKED, SWALLOWED, TRAPPED, State
 
@@ -58,20 +60,20 @@ def meet_hazards(state: State, model: RobotModel, hazards: Hazards, b: int, r: i
 
 
 @wp.func
-def draw_power(state: State, command: Command, model: RobotModel, b: int, r: int, dt: float):
+def draw_power(
+    state: State, command: Command, model: RobotModel, b: int, r: int, t: int, steering: float, dt: float
+):
     """Take one tick's energy from the battery (eq 6.16): idle, motion, markers, scanner.
 
     Motion is what the wheels do, whether the robot gets anywhere or not; rolling downhill cannot charge the battery.
+    ``steering`` is the share of the tick in which the mirror's motors ran.
     """
-    steering = float(0.0)
-    if command.galvo[b, r][0] != 0 or command.galvo[b, r][1] != 0:
-        steering = 1.0
     rim = state.wheels[b, r] * model.wheel_radius
     speed = 0.5 * (rim[0] + rim[1])
     motion_w = motion_power_w(model.power, speed, (rim[1] - rim[0]) / model.track, state.rotation[b, r][2, 0])
     motion_w = wp.max(motion_w, -model.idle_power)
     marker_w = marker_power_w(model.power, command.brightness[b, r] * model.marker_sum)
-    scanner_w = scanner_power_w(model.power, steering, command.laser[b, r])
+    scanner_w = scanner_power_w(model.power, steering, command.laser[b, r, t])
     power = wp.vec4d(wp.float64(model.idle_power), wp.float64(motion_w), wp.float64(marker_w), wp.float64(scanner_w))
     spent = state.energy[b, r] + power * wp.float64(dt)
     state.energy[b, r] = spent
@@ -114,8 +116,8 @@ def walk_biases(state: State, model: RobotModel, b: int, r: int, dt: float):
 
 @wp.func
 def tick_robot(
-    state: State, command: Command, out: Measurements, robots: wp.array[RobotModel], ground: Ground, clock: Clock,
-    b: int, r: int, t: int,
+    state: State, command: Command, out: Measurements, robots: wp.array[RobotModel], lasers: wp.array[LaserModel],
+    ground: Ground, clock: Clock, b: int, r: int, t: int,
 ):  # fmt: skip
     """One tick of one robot."""
     model = robots[r]
@@ -133,8 +135,9 @@ def tick_robot(
             drive(state, robots, ground, b, r, dt)
     if state.status[b, r] == ACTIVE:
         meet_hazards(state, model, ground.hazards, b, r)
+    steering = turn_mirror(state, command, lasers[r], b, r, t, clock.tick_s)
     if state.status[b, r] != DEPLETED and state.status[b, r] != SWALLOWED:
-        draw_power(state, command, model, b, r, clock.tick_s)
+        draw_power(state, command, model, b, r, t, steering, clock.tick_s)
     if state.status[b, r] != ACTIVE and state.status[b, r] != TRAPPED:
         state.wheels[b, r] = wp.vec2(0.0, 0.0)
     state.path[b, r] = state.path[b, r] + wp.length(state.position[b, r] - before)
@@ -143,8 +146,8 @@ def tick_robot(
 
 @wp.kernel
 def advance(
-    state: State, command: Command, out: Measurements, robots: wp.array[RobotModel], ground: Ground, clock: Clock,
-    running: wp.array[int],
+    state: State, command: Command, out: Measurements, robots: wp.array[RobotModel], lasers: wp.array[LaserModel],
+    ground: Ground, clock: Clock, running: wp.array[int],
 ):  # fmt: skip
     """Advance every running team by one decision."""
     b = wp.tid()
@@ -156,7 +159,7 @@ def advance(
     for t in range(clock.ticks):
         for r in range(n):
             if state.status[b, r] != DOCKED and state.collected[b, r] == 0:
-                tick_robot(state, command, out, robots, ground, clock, b, r, t)
+                tick_robot(state, command, out, robots, lasers, ground, clock, b, r, t)
     state.tick[b] = state.tick[b] + clock.ticks
     for r in range(n):
         model = robots[r]

@@ -40,10 +40,8 @@ def truth_grid(
     ground = passable_ground(world.ground, start, max_step_m)
     clear = clear_nodes(world, ground, body_radius_m, contact_radius_m)
     proven = _dilated(connected(clear, nearest_node(world.ground, start)), contact_radius_m / world.ground.cell_m)
-    x_min, y_min, x_max, y_max = world.ground.bounds_m
-    low = np.floor(np.array([x_min, y_min]) / cell_m + TOLERANCE_M)
-    shape = np.ceil(np.array([x_max, y_max]) / cell_m - TOLERANCE_M).astype(int) - low.astype(int)
-    origin = low * cell_m
+    corner, shape = grid_over(world.ground, cell_m)
+    origin = np.array(corner, dtype=np.float64)
     i, j = (
         np.round((origin[k] + (np.arange(shape[k]) + 0.5) * cell_m - world.ground.origin_m[k]) / world.ground.cell_m)
         .astype(int)
@@ -54,8 +52,16 @@ def truth_grid(
     centres = origin + (np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1) + 0.5) * cell_m
     harmless = hazard_margin_m(world.hazards, centres, 0.0) > 0
     reachable = proven[np.ix_(i, j)] & on_ground & harmless
-    corner = (float(origin[0]), float(origin[1]))
     return TruthGrid(corner, cell_m, on_ground & harmless, ~on_ground, reachable)
+
+
+def grid_over(ground: HeightField, cell_m: float) -> tuple[tuple[float, float], tuple[int, int]]:
+    """Lower corner, a multiple of ``cell_m``, and shape of the grid of cells that covers the ground."""
+    x_min, y_min, x_max, y_max = ground.bounds_m
+    low = np.floor(np.array([x_min, y_min]) / cell_m + TOLERANCE_M)
+    high = np.ceil(np.array([x_max, y_max]) / cell_m - TOLERANCE_M)
+    nx, ny = (high - low).astype(int).tolist()
+    return (float(low[0]) * cell_m, float(low[1]) * cell_m), (nx, ny)
 
 
 def safe_path_exists(

@@ -9,14 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from coop_envs.agents.catalog import load_team
-from coop_envs.agents.command import Command
+from coop_envs.agents.command import allocate_command
 from coop_envs.agents.control import ACTION_NAMES, action_mask, control, drive_models
 from coop_envs.device import prepare
+from coop_envs.agents.raster import Raster, laser_models
 from coop_envs.geometry.arrays import allocate
 
 SCOUTS = load_team("scouts")
 ROBOTS = len(SCOUTS.members)
 WAITING, AT_WORK, LOST = 0, 1, 2
+TICKS, TICK_S = 6, 1 / 30
 
 numbers = st.floats(-1.0, 1.0, width=32)
 actions_of_one = st.tuples(*[numbers] * len(ACTION_NAMES))
@@ -29,9 +31,10 @@ def controlled(action, robot=0, team=SCOUTS, declared=AT_WORK, called=0, collect
     actions[:, :, 0], actions[0, robot] = 1.0, action
     flags = np.full((1, n), AT_WORK, dtype=np.int32), np.zeros((1, n), dtype=np.int32)
     flags[0][0, robot], flags[1][0, robot] = declared, called
-    command = allocate(Command, (1, n), device)
-    inputs = [wp.array(a, device=device) for a in (actions, *flags)]
-    wp.launch(control, (1, n), inputs=[*inputs, drive_models(team, collect, device), command], device=device)
+    command = allocate_command(1, n, TICKS, device)
+    inputs = [wp.array(a, device=device) for a in (actions, *flags, np.zeros(1, dtype=np.int32))]
+    scanner = laser_models(team, TICK_S, device), allocate(Raster, (1, n), device)
+    wp.launch(control, (1, n), inputs=[*inputs, drive_models(team, collect, device), *scanner, command], device=device)
     return {
         name: getattr(command, name).numpy()[0, robot] for name in ("wheels", "brightness", "hold", "undock", "collect")
     }

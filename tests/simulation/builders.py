@@ -14,6 +14,7 @@ from coop_envs.agents.team import Member, Team
 from coop_envs.device import prepare
 from coop_envs.geometry.keyed_random import team_key
 from coop_envs.sensing.leds import LedModel
+from coop_envs.sensing.spots import SpotModel
 from coop_envs.simulation.fast import FastPhysics, Placement
 from coop_envs.simulation.state import Status
 from coop_envs.simulation.step import Clock
@@ -82,6 +83,15 @@ def led_model(**changes) -> LedModel:
     return model
 
 
+def spot_model(**changes) -> SpotModel:
+    """Laser spots as in the scenarios, none missed, none false, exact stamps."""
+    model = SpotModel()
+    model.gain, model.albedo, model.beam = 8.0, 0.6, 0.003
+    for name, value in changes.items():
+        setattr(model, name, value)
+    return model
+
+
 def clock_of(tick_s=1.0 / 30.0, substeps=4, ticks=6) -> Clock:
     """Rates of the physics; by default those of the scenarios."""
     clock = Clock()
@@ -97,11 +107,13 @@ def physics_of(
     chosen_worlds: Sequence[int] | None = None,
     clock: Clock | None = None,
     leds: LedModel | None = None,
+    spots: SpotModel | None = None,
     placement: Placement = EXACT,
 ) -> FastPhysics:
     """The physics of ``teams`` teams, set down at their starts; team b has seed ``seed + b``."""
     worlds = worlds or (world_of(),)
-    physics = FastPhysics(team, worlds, clock or clock_of(), leds or led_model(), teams, prepare("cpu"), placement)
+    models = leds or led_model(), spots or spot_model()
+    physics = FastPhysics(team, worlds, clock or clock_of(), *models, teams, prepare("cpu"), placement)
     keys = np.array([team_key(seed + b, 0) for b in range(teams)], dtype=np.uint64)
     where = np.zeros(teams, dtype=np.int32) if chosen_worlds is None else np.array(chosen_worlds, dtype=np.int32)
     physics.reset(np.ones(teams, dtype=np.int32), keys, where)

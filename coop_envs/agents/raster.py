@@ -1,0 +1,150 @@
+"""Boustrophedon rasters with a mirror that only takes relative moves: the scan controller, the same on robots.
+
+A raster runs row by row, every second row backwards. The controller counts where the mirror should be; nothing
+measures it. A move of k counts keeps the motors busy for k ``count_s``, in which they heed no other, so the controller
+waits for it. The laser is lit in a tick at whose end the mirror rests on a point and nobody else of the team is lit.
+
+Source: thesis sections 6.4, 6.5; the Zumy's firmware for counts.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from coop_envs.agents.team import Team
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+
+
+@wp.struct
+class Raster:
+    """Rasters of B teams and N robots, in counts (left, up) from where the mirror was switched on.
+
+    centre, half
+        (B, N) of the raster.
+    at
+        (B, N) where the mirror should be.
+    point, points
+        (B, N) how many points are done, how many there are; 0 where no raster runs.
+    busy
+        (B, N) ticks until the last move has run down.
+    """
+
+    centre: wp.array2d[wp.vec2i]
+    half: wp.array2d[wp.vec2i]
+    at: wp.array2d[wp.vec2i]
+    point: wp.array2d[int]
+    points: wp.array2d[int]
+    busy: wp.array2d[int]
+
+
+@wp.struct
+class LaserModel:
+    """A robot's laser; see `specification.Laser`. ``fitted`` is 0 without one, ``duty`` its strongest level.
+
+    ``half`` and ``limit`` in counts: of a raster of full width, and of the mirror. ``counts_a_tick`` run down in one.
+    """
+
+    fitted: int
+    duty: float
+    count_s: float
+    count_rad: float
+    move_noise: float
+    limit_rad: float
+    limit: int
+    half: wp.vec2i
+    step: int
+    counts_a_tick: int
+    position: wp.vec3
+
+
+def laser_models(team: Team, tick_s: float, device: str) -> wp.array:
+    """Pack every member's laser (N,)."""
+    models: list[LaserModel] = []
+    for member in team.members:
+        model, laser = LaserModel(), member.laser
+        if laser is not None:
+            model.fitted, model.duty = 1, max(laser.duties)
+            model.count_s, model.count_rad, model.move_noise = laser.count_s, laser.count_rad, laser.move_noise
+            model.limit_rad = laser.max_deflection_rad
+            model.limit = int(laser.max_deflection_rad / laser.count_rad + 1e-6)
+            model.half = wp.vec2i(*(round(half / laser.count_rad) for half in laser.raster_half_rad))
+            model.step, model.position = laser.step_counts, wp.vec3(*laser.position_m)
+            model.counts_a_tick = max(1, int(tick_s / laser.count_s + 1e-6))
+        models.append(model)
+    return wp.array(models, dtype=LaserModel, device=device)
+
+
+@wp.func
+def columns(half: wp.vec2i, step: int, axis: int) -> int:
+    """How many points a raster has along an axis."""
+    return 2 * half[axis] // step + 1
+
+
+@wp.func
+def raster_point(raster: Raster, model: LaserModel, b: int, r: int, k: int) -> wp.vec2i:
+    """Counts of the raster's k-th point: rows from the top, the first from the left."""
+    half = raster.half[b, r]
+    across = columns(half, model.step, 0)
+    row = k // across
+    column = k % across
+    if row % 2 == 1:
+        column = across - 1 - column
+    left = raster.centre[b, r][0] + half[0] - column * model.step
+    up = raster.centre[b, r][1] + half[1] - row * model.step
+    return wp.vec2i(wp.clamp(left, -model.limit, model.limit), wp.clamp(up, -model.limit, model.limit))
+
+
+@wp.func
+def begin_raster(raster: Raster, model: LaserModel, b: int, r: int, request: float, azimuth: float, elevation: float):
+    """Start a raster whose width is the share ``request`` of the full one, its centre a share of the mirror's reach."""
+    limit = float(model.limit)
+    centre = wp.vec2i(int(wp.round(azimuth * limit)), int(wp.round(elevation * limit)))
+    half = wp.vec2i(
+        wp.max(int(wp.round(request * float(model.half[0]))), 0),
+        wp.max(int(wp.round(request * float(model.half[1]))), 0),
+    )
+    raster.centre[b, r] = centre
+    raster.half[b, r] = half
+    raster.point[b, r] = 0
+    raster.points[b, r] = columns(half, model.step, 0) * columns(half, model.step, 1)
+
+
+@wp.func
+def next_move(raster: Raster, model: LaserModel, b: int, r: int) -> wp.vec2i:
+    """One tick of moving: counts to send now, (0, 0) while the motors are busy or the mirror is there."""
+    move = wp.vec2i(0, 0)
+    if raster.point[b, r] >= raster.points[b, r]:
+        return move
+    if raster.busy[b, r] == 0:
+        move = raster_point(raster, model, b, r, raster.point[b, r]) - raster.at[b, r]
+        raster.at[b, r] = raster.at[b, r] + move
+        longest = wp.max(wp.abs(move[0]), wp.abs(move[1]))
+        raster.busy[b, r] = (longest + model.counts_a_tick - 1) // model.counts_a_tick
+    raster.busy[b, r] = wp.max(raster.busy[b, r] - 1, 0)
+    return move
+
+
+@wp.func
+def on_point(raster: Raster, b: int, r: int) -> bool:
+    """Whether the mirror rests on the next point at the end of this tick."""
+    return raster.busy[b, r] == 0 and raster.point[b, r] < raster.points[b, r]
+
+
+@wp.func
+def abandon_raster(raster: Raster, b: int, r: int, ticks: int):
+    """Stop; the last move runs down while a decision of so many ticks passes."""
+    raster.point[b, r] = 0
+    raster.points[b, r] = 0
+    raster.busy[b, r] = wp.max(raster.busy[b, r] - ticks, 0)
+
+
+@wp.kernel
+def rest_rasters(raster: Raster, chosen: wp.array[int]):
+    """Forget the rasters of the chosen teams: their mirrors are switched on anew."""
+    b, r = wp.tid()
+    if chosen[b] == 1:
+        raster.at[b, r] = wp.vec2i(0, 0)
+        raster.busy[b, r] = 0
+        raster.point[b, r] = 0
+        raster.points[b, r] = 0
