@@ -73,7 +73,8 @@ def _map_model(settings: BeliefSettings) -> MapModel:
     if any(member.laser is not None for member in settings.team.members):
         tallest_m = max(member.robot.height_m for member in settings.team.members)
         model.levels, model.floor = settings.map.levels, settings.map.floor_m
-        model.clearance = min(math.ceil(tallest_m / model.cell), model.levels)
+        above_m = tallest_m - 0.5 * model.cell  # the floor lies, on average, in the middle of the level under a passage
+        model.clearance = min(max(math.ceil(above_m / model.cell), 1), model.levels)
         model.step, model.sweep = settings.map.step_levels, settings.map.sweep_radius_m
     return model
 

@@ -8,6 +8,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from coop_envs.agents.colours import with_distinct_hats
 from coop_envs.agents.specification import Camera, Hat, RobotSpecification
 from coop_envs.agents.team import Team
 from coop_envs.errors import ConfigError, require
@@ -35,6 +36,7 @@ def load_team(reference: Reference | Path | Team) -> Team:
     """A team by preset name, YAML file or mapping.
 
     Each entry of ``members`` names ``robot``, ``cameras`` and ``hat``; ``count`` repeats it; names follow from roles.
+    Robots with the same hat wear its colours in different places, so that cameras can tell them apart.
     """
     if isinstance(reference, Team):
         return reference
@@ -51,7 +53,7 @@ def team_tree(reference: Any) -> dict[str, Any]:
         role = member.get("role")
         rank = sum(other.get("role") == role for other in expanded[:i])
         member.setdefault("name", f"{role}_{rank}")
-    return {**tree, "members": expanded}
+    return {**tree, "members": with_distinct_hats(expanded)}
 
 
 def names(shelf: str) -> list[str]:

@@ -90,20 +90,22 @@ def raster_point(raster: Raster, model: LaserModel, b: int, r: int, k: int) -> w
     column = k % across
     if row % 2 == 1:
         column = across - 1 - column
-    left = raster.centre[b, r][0] + half[0] - column * model.step
-    up = raster.centre[b, r][1] + half[1] - row * model.step
-    return wp.vec2i(wp.clamp(left, -model.limit, model.limit), wp.clamp(up, -model.limit, model.limit))
+    return raster.centre[b, r] + half - wp.vec2i(column * model.step, row * model.step)
 
 
 @wp.func
 def begin_raster(raster: Raster, model: LaserModel, b: int, r: int, request: float, azimuth: float, elevation: float):
-    """Start a raster whose width is the share ``request`` of the full one, its centre a share of the mirror's reach."""
-    limit = float(model.limit)
-    centre = wp.vec2i(int(wp.round(azimuth * limit)), int(wp.round(elevation * limit)))
-    half = wp.vec2i(
-        wp.max(int(wp.round(request * float(model.half[0]))), 0),
-        wp.max(int(wp.round(request * float(model.half[1]))), 0),
-    )
+    """Start a raster whose width is the share ``request`` of the full one, its centre a share of the mirror's reach.
+
+    The centre is moved in so that the end stops cut nothing off.
+    """
+    wanted = wp.vec2(azimuth, elevation)
+    centre = wp.vec2i()
+    half = wp.vec2i()
+    for axis in range(2):
+        half[axis] = wp.min(int(wp.round(request * float(model.half[axis]))), model.limit)
+        room = model.limit - half[axis]
+        centre[axis] = wp.clamp(int(wp.round(wanted[axis] * float(model.limit))), -room, room)
     raster.centre[b, r] = centre
     raster.half[b, r] = half
     raster.point[b, r] = 0

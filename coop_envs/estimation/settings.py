@@ -39,8 +39,8 @@ class Estimation:
 
     __pydantic_config__ = STRICT
     rest_s: float = 0.3
-    slip_position_m_rts: float = 2.0e-4
-    slip_heading_rad_rts: float = 2.0e-4
+    slip_position_m_rts: float = 2.0e-5
+    slip_heading_rad_rts: float = 2.0e-5
     odometry_noise_scale: float = 1.2
     stuck_s: float = 3.0
     silent_s: float = 3.0

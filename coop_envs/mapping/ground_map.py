@@ -26,6 +26,7 @@ STUCK, SILENT = wp.constant(1), wp.constant(2)
 EXPLAINED_AWAY = wp.constant(4)
 GROUND, OBSTACLE, VOLUME = wp.constant(0), wp.constant(1), wp.constant(2)
 LAYERS = 2
+NO_PASSAGE = wp.constant(-1)
 FIRST_STEP_M = wp.constant(0.02)
 SIGMAS = wp.constant(2.0)
 
@@ -37,7 +38,9 @@ class GroundMap:
     log_odds
         (B, 2, C) of "the ground carries robots" and of "something stands here", in sixteenths.
     volume
-        (B, L, C) of "something is here", level by level from the lowest, in sixteenths.
+        (B, C, L) of "something is here", levels from the lowest, in sixteenths.
+    passage
+        (B, C) the lowest level from which on a robot's height is free, `NO_PASSAGE` where none is known.
     corner, cells
         (B,) lower corner in the team frame (m); cells along x and y that the team's own ground has, at most nx and ny.
     proven_at
@@ -48,6 +51,7 @@ class GroundMap:
 
     log_odds: wp.array3d[wp.int8]
     volume: wp.array3d[wp.int8]
+    passage: wp.array2d[wp.int8]
     corner: wp.array[wp.vec2]
     cells: wp.array[wp.vec2i]
     proven_at: wp.array2d[wp.vec3]
@@ -102,15 +106,17 @@ def allocate_map(
     side = 2 * math.ceil(reach_m / model.cell) + 3
     changes = (teams, robots * (LAYERS + model.levels) * side * side + swept_cells)
     log_odds = (teams, LAYERS, model.nx * model.ny)
-    volume = (teams, model.levels, model.nx * model.ny)
-    return allocate(GroundMap, (teams, robots), device, log_odds=log_odds, volume=volume, changes=changes)
+    volume = (teams, model.nx * model.ny, model.levels)
+    passage = (teams, model.nx * model.ny * min(model.levels, 1))
+    sizes = {"log_odds": log_odds, "volume": volume, "passage": passage, "changes": changes}
+    return allocate(GroundMap, (teams, robots), device, **sizes)
 
 
 @wp.func
 def evidence_at(ground: GroundMap, b: int, layer: int, cell: int) -> int:
     """Log-odds of a cell of a layer or, from `VOLUME` on, of a level."""
     if layer >= VOLUME:
-        return int(ground.volume[b, layer - VOLUME, cell])
+        return int(ground.volume[b, cell, layer - VOLUME])
     return int(ground.log_odds[b, layer, cell])
 
 
@@ -121,7 +127,7 @@ def set_evidence(ground: GroundMap, b: int, layer: int, cell: int, new: int):
     if new == old:
         return
     if layer >= VOLUME:
-        ground.volume[b, layer - VOLUME, cell] = wp.int8(new)
+        ground.volume[b, cell, layer - VOLUME] = wp.int8(new)
     else:
         ground.log_odds[b, layer, cell] = wp.int8(new)
     k = ground.change_count[b]
@@ -238,9 +244,10 @@ def begin_map(
     for layer in range(ground.log_odds.shape[1]):
         for c in range(ground.log_odds.shape[2]):
             ground.log_odds[b, layer, c] = wp.int8(0)
-    for level in range(model.levels):
-        for c in range(ground.volume.shape[2]):
-            ground.volume[b, level, c] = wp.int8(0)
+    for c in range(ground.passage.shape[1]):
+        ground.passage[b, c] = wp.int8(NO_PASSAGE)
+        for level in range(model.levels):
+            ground.volume[b, c, level] = wp.int8(0)
     for r in range(ground.proven_at.shape[1]):
         ground.proven_at[b, r] = wp.vec3(0.0, 0.0, 0.0)
         at = wp.vec2(start[b, r][0], start[b, r][1])

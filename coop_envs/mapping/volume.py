@@ -10,6 +10,7 @@ from __future__ import annotations
 import warp as wp
 
 from coop_envs.mapping.ground_map import (
+    NO_PASSAGE,
     OBSTACLE,
     VOLUME,
     GroundMap,
@@ -22,8 +23,8 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 THROUGH, BESIDE, HIT = wp.constant(-24), wp.constant(-8), wp.constant(48)
 UNDER = wp.constant(0.1)  # of a cell: how far under a cell's middle a ray has to pass to prove it
-FREE, SOLID = wp.constant(-16), wp.constant(24)
-NONE = wp.constant(-1)
+FREE, SOLID = wp.constant(-24), wp.constant(24)
+CLEAR, STANDS = wp.constant(-48), wp.constant(48)
 
 
 @wp.func
@@ -36,7 +37,7 @@ def slice_span(centre: float, reach: float, last: int) -> wp.vec2i:
 
 @wp.func
 def sweep_ray(ground: GroundMap, model: MapModel, b: int, start: wp.vec3, end: wp.vec3):
-    """Enter a ray between two points of the team frame; the last cell before its end is left to `mark_point`.
+    """Enter a ray between two points of the team frame; the cell at its end is left to `mark_point`.
 
     Slice by slice along the ray's main axis, the cells around its centre line are tried.
     """
@@ -48,7 +49,7 @@ def sweep_ray(ground: GroundMap, model: MapModel, b: int, start: wp.vec3, end: w
     if length < 1.5:
         return
     a = d / length
-    length = length - 1.0
+    length = length - 0.5
     last = wp.vec3i(ground.cells[b][0] - 1, ground.cells[b][1] - 1, model.levels - 1)
     m = int(0)
     if wp.abs(a[1]) > wp.abs(a[0]):
@@ -98,58 +99,48 @@ def mark_point(ground: GroundMap, model: MapModel, b: int, point: wp.vec3):
 
 
 @wp.func
-def passage(ground: GroundMap, model: MapModel, b: int, cell: int) -> int:
-    """The lowest level from which on a robot's height of levels is free, NONE where no such is known."""
+def find_passage(ground: GroundMap, model: MapModel, b: int, cell: int) -> int:
+    """The lowest level from which on a robot's height of levels is free."""
     run = int(0)
     for level in range(model.levels):
-        if int(ground.volume[b, level, cell]) <= FREE:
+        if int(ground.volume[b, cell, level]) <= FREE:
             run = run + 1
             if run == model.clearance:
                 return level + 1 - run
         else:
             run = 0
-    return NONE
+    return NO_PASSAGE
 
 
 @wp.func
-def in_the_way(ground: GroundMap, model: MapModel, b: int, cell: int, level: int) -> int:
-    """Strongest evidence in a column for something that stops a robot whose passage beside it starts at ``level``."""
-    worst = int(0)
+def in_the_way(ground: GroundMap, model: MapModel, b: int, cell: int, beside: int) -> bool:
+    """Whether a column holds something that stops a robot on its passage through the column ``beside``."""
+    level = int(ground.passage[b, beside])
+    if level == NO_PASSAGE:
+        return False
     for k in range(level + model.step, level + model.clearance):
-        value = int(ground.volume[b, k, cell])
-        if value >= SOLID:
-            worst = wp.max(worst, value)
-    return worst
-
-
-@wp.func
-def least_free(ground: GroundMap, model: MapModel, b: int, cell: int, level: int) -> int:
-    """Log-odds of the least certain level of a passage that starts at ``level``."""
-    least = int(-127)
-    for k in range(level, level + model.clearance):
-        least = wp.max(least, int(ground.volume[b, k, cell]))
-    return least
+        if int(ground.volume[b, cell, k]) >= SOLID:
+            return True
+    return False
 
 
 @wp.func
 def judge_column(ground: GroundMap, model: MapModel, b: int, i: int, j: int):
     """Set whether something stands in a column: seen from its neighbours' passages, or from its own."""
-    cells = ground.cells[b]
-    if i < 0 or j < 0 or i >= cells[0] or j >= cells[1]:
+    nx = ground.cells[b][0]
+    ny = ground.cells[b][1]
+    if i < 0 or j < 0 or i >= nx or j >= ny:
         return
     cell = i * model.ny + j
+    stops = i > 0 and in_the_way(ground, model, b, cell, cell - model.ny)
+    stops = stops or (i < nx - 1 and in_the_way(ground, model, b, cell, cell + model.ny))
+    stops = stops or (j > 0 and in_the_way(ground, model, b, cell, cell - 1))
+    stops = stops or (j < ny - 1 and in_the_way(ground, model, b, cell, cell + 1))
     verdict = int(0)
-    for n in range(4):
-        ni = i + (1 - n) * ((n + 1) % 2)
-        nj = j + (2 - n) * (n % 2)
-        if ni >= 0 and nj >= 0 and ni < cells[0] and nj < cells[1]:
-            level = passage(ground, model, b, ni * model.ny + nj)
-            if level != NONE:
-                verdict = wp.max(verdict, in_the_way(ground, model, b, cell, level))
-    if verdict == 0:
-        own = passage(ground, model, b, cell)
-        if own != NONE:
-            verdict = least_free(ground, model, b, cell, own)
+    if stops:
+        verdict = STANDS
+    elif int(ground.passage[b, cell]) != NO_PASSAGE:
+        verdict = CLEAR
     set_evidence(ground, b, OBSTACLE, cell, verdict)
 
 
@@ -161,14 +152,22 @@ def kind(log_odds: int) -> int:
 
 @wp.func
 def judge_changes(ground: GroundMap, model: MapModel, b: int):
-    """Judge anew every column, and those beside it, in which a cell became free, solid or doubtful in this decision."""
+    """Judge anew the columns in which a cell became free, solid or doubtful in this decision, and those beside them."""
     for k in range(ground.change_count[b]):
         change = ground.changes[b, k]
-        if change[0] >= VOLUME and kind(change[2]) != kind(change[3]):
-            i = change[1] // model.ny
-            j = change[1] % model.ny
-            judge_column(ground, model, b, i, j)
-            judge_column(ground, model, b, i - 1, j)
-            judge_column(ground, model, b, i + 1, j)
-            judge_column(ground, model, b, i, j - 1)
-            judge_column(ground, model, b, i, j + 1)
+        was = kind(change[2])
+        now = kind(change[3])
+        if change[0] >= VOLUME and was != now:
+            cell = change[1]
+            i = cell // model.ny
+            j = cell % model.ny
+            level = find_passage(ground, model, b, cell)
+            if level != int(ground.passage[b, cell]):
+                ground.passage[b, cell] = wp.int8(level)
+                judge_column(ground, model, b, i, j)
+                judge_column(ground, model, b, i - 1, j)
+                judge_column(ground, model, b, i + 1, j)
+                judge_column(ground, model, b, i, j - 1)
+                judge_column(ground, model, b, i, j + 1)
+            elif was == 1 or now == 1:
+                judge_column(ground, model, b, i, j)
