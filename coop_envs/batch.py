@@ -24,6 +24,7 @@ from coop_envs.scenario import Scenario
 from coop_envs.scoring import TERMS, Score, judge, open_account, pack_truth, pickets, score_model
 from coop_envs.sensing.leds import LedModel
 from coop_envs.sensing.spots import SpotModel
+from coop_envs.simulation.calibration import CalibrationError
 from coop_envs.simulation.fast import FastPhysics, Placement
 from coop_envs.simulation.step import Clock
 from coop_envs.world_pool import WorldPool
@@ -43,7 +44,16 @@ class TeamBatch:
         leds = _led_model(scenario, pool.worlds[0])
         spots = _spot_model(scenario, pool.worlds[0])
         self.physics = FastPhysics(
-            scenario.team, pool.worlds, _clock(scenario), leds, spots, teams, device, Placement()
+            scenario.team,
+            pool.worlds,
+            _clock(scenario),
+            leds,
+            spots,
+            teams,
+            device,
+            Placement(scenario.estimation.start_position_m, scenario.estimation.start_yaw_rad),
+            scenario.fidelity,
+            _calibration_error(scenario),
         )
         self.state, self.running = self.physics.state, self.physics.running
         self.measurements, self.command = self.physics.measurements, self.physics.command
@@ -147,7 +157,15 @@ def _led_model(scenario: Scenario, world: World) -> LedModel:
     model.absorption = float(np.mean(medium.absorption_1_m)) - float(np.log1p(-medium.particulate))
     model.detection_signal, model.min_leds = sensing.detection_signal, sensing.min_leds
     model.dropout, model.outlier = sensing.dropout, sensing.outlier
+    model.hue_noise, model.hue_tolerance = sensing.hue_noise_deg, sensing.hue_tolerance_deg
+    model.blob_dropout, model.false_lights, model.merge = sensing.blob_dropout, sensing.false_lights, sensing.merge_px
     return model
+
+
+def _calibration_error(scenario: Scenario) -> CalibrationError:
+    given, error = scenario.sensing.calibration, CalibrationError()
+    error.focal_share, error.centre, error.hat = given.focal_share, given.centre_px, given.hat_m
+    return error
 
 
 def _spot_model(scenario: Scenario, world: World) -> SpotModel:
