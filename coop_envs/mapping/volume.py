@@ -1,8 +1,6 @@
-"""What scan rays tell of the volume: free along the ray, something at its end, and which columns a robot can pass.
+"""What scan rays tell of the volume of a team's map, and which columns a robot can pass.
 
-A ray from a camera to a point that it measured proves cells that it runs through to be free, and makes those within the
-sweep radius likely free. It has to pass under a cell's middle: one that passes higher may graze the ground that fills the
-lower half, as most rays do. The cell of the point is occupied.
+The cells around a ray become free (see `sweep`), that of the point at its end is occupied.
 """
 
 from __future__ import annotations
@@ -18,72 +16,36 @@ from coop_envs.mapping.ground_map import (
     add_evidence,
     set_evidence,
 )
+from coop_envs.mapping.sweep import HIT, begin_sweep, span_in_slice, swept_evidence
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
-THROUGH, BESIDE, HIT = wp.constant(-24), wp.constant(-8), wp.constant(48)
-UNDER = wp.constant(0.1)  # of a cell: how far under a cell's middle a ray has to pass to prove it
 FREE, SOLID = wp.constant(-24), wp.constant(24)
 CLEAR, STANDS = wp.constant(-48), wp.constant(48)
 
 
 @wp.func
-def slice_span(centre: float, reach: float, last: int) -> wp.vec2i:
-    """First and last cell whose middle lies within ``reach`` of a coordinate, both in cells, cut at the map's edge."""
-    low = int(wp.ceil(centre - reach - 0.5))
-    high = int(wp.floor(centre + reach - 0.5))
-    return wp.vec2i(wp.max(low, 0), wp.min(high, last))
-
-
-@wp.func
 def sweep_ray(ground: GroundMap, model: MapModel, b: int, start: wp.vec3, end: wp.vec3):
-    """Enter a ray between two points of the team frame; the cell at its end is left to `mark_point`.
-
-    Slice by slice along the ray's main axis, the cells around its centre line are tried.
-    """
+    """Enter a ray between two points of the team frame; the cell at its end is left to `mark_point`."""
     corner = ground.corner[b]
     origin = wp.vec3(corner[0], corner[1], model.floor)
-    p = (start - origin) / model.cell
-    d = (end - origin) / model.cell - p
-    length = wp.length(d)
-    if length < 1.5:
-        return
-    a = d / length
-    length = length - 0.5
-    last = wp.vec3i(ground.cells[b][0] - 1, ground.cells[b][1] - 1, model.levels - 1)
-    m = int(0)
-    if wp.abs(a[1]) > wp.abs(a[0]):
-        m = 1
-    if wp.abs(a[2]) > wp.abs(a[m]):
-        m = 2
-    u = (m + 1) % 3
-    v = (m + 2) % 3
-    radius = wp.max(model.sweep / model.cell, 0.5)
-    reach = radius / wp.abs(a[m])
-    ends = wp.vec2(p[m], p[m] + a[m] * length)
-    first = wp.max(int(wp.ceil(wp.min(ends[0], ends[1]) - 0.5)), 0)
-    final = wp.min(int(wp.floor(wp.max(ends[0], ends[1]) - 0.5)), last[m])
+    high = wp.vec3i(ground.cells[b][0] - 1, ground.cells[b][1] - 1, model.levels - 1)
+    cells = model.sweep / model.cell
+    sweep = begin_sweep((start - origin) / model.cell, (end - origin) / model.cell, cells, wp.vec3i(0, 0, 0), high)
+    u = (sweep.main + 1) % 3
+    v = (sweep.main + 2) % 3
     cell = wp.vec3i()
-    for s in range(first, final + 1):
-        t = (float(s) + 0.5 - p[m]) / a[m]
-        cu = p[u] + a[u] * t
-        cv = p[v] + a[v] * t
-        along_u = slice_span(cu, reach, last[u])
-        along_v = slice_span(cv, reach, last[v])
-        cell[m] = s
+    for s in range(sweep.first, sweep.last + 1):
+        along_u = span_in_slice(sweep, s, u)
+        along_v = span_in_slice(sweep, s, v)
+        cell[sweep.main] = s
         for i in range(along_u[0], along_u[1] + 1):
             cell[u] = i
             for j in range(along_v[0], along_v[1] + 1):
                 cell[v] = j
-                e = wp.vec3(float(cell[0]) + 0.5, float(cell[1]) + 0.5, float(cell[2]) + 0.5) - p
-                off = e - a * wp.dot(e, a)
-                distance2 = wp.dot(off, off)
-                index = cell[0] * model.ny + cell[1]
-                if off[2] >= UNDER:
-                    if distance2 <= 0.25:
-                        add_evidence(ground, b, VOLUME + cell[2], index, THROUGH)
-                    elif distance2 <= radius * radius:
-                        add_evidence(ground, b, VOLUME + cell[2], index, BESIDE)
+                evidence = swept_evidence(sweep, cell)
+                if evidence != 0:
+                    add_evidence(ground, b, VOLUME + cell[2], cell[0] * model.ny + cell[1], evidence)
 
 
 @wp.func

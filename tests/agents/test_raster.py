@@ -19,7 +19,7 @@ HOLD, REQUEST, AZIMUTH, ELEVATION, BRIGHTNESS = 0, 4, 5, 6, 7
 
 
 class Mirror:
-    """The Zumy's firmware: each motor runs for as many 10 ms counts as it was told; commands are lost until both stand."""
+    """The Zumy's firmware: a motor runs for as many 10 ms counts as it is told; commands are lost until both stand."""
 
     def __init__(self) -> None:
         self.at, self.left = np.zeros(2), np.zeros(2)

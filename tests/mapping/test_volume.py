@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import warp as wp
 
-from coop_envs.mapping import volume
+from coop_envs.mapping import sweep
 from coop_envs.mapping.ground_map import GroundMap, MapModel, allocate_map, begin_map
 from coop_envs.mapping.volume import judge_changes, mark_point, sweep_ray
 
 NX, NY, LEVELS, CELL, FLOOR, SWEEP = 40, 36, 6, 0.05, -0.075, 0.05
 CORNER = np.array([-0.5, -0.9])
-THROUGH, BESIDE, HIT, UNDER = (float(getattr(volume, name)) for name in ("THROUGH", "BESIDE", "HIT", "UNDER"))
+THROUGH, BESIDE, HIT, UNDER = (float(getattr(sweep, name)) for name in ("THROUGH", "BESIDE", "HIT", "UNDER"))
 
 
 @wp.kernel
