@@ -1,6 +1,6 @@
 """A sparse volume map for evaluation: blocks of 16^3 cells, made where rays go, of any extent in all directions.
 
-It takes the same rays as a team's own map and tells the same of their cells, but in the world's axes and at all heights.
+It takes the rays that a team's own map takes, and tells the same of their cells, in any axes and at all heights.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class Cells:
     @property
     def middles_m(self) -> NDArray[np.float64]:
         """Middle of every cell (n, 3)."""
-        return (self.index + 0.5) * self.cell_m
+        return np.asarray((self.index + 0.5) * self.cell_m, dtype=np.float64)
 
 
 class BlockMap:

@@ -46,7 +46,8 @@ class GroundMap:
     proven_at
         (B, N) x, y, 1 where a robot's footprint was last entered.
     changes, change_count
-        (B, K) layer, cell, old and new value of what this decision changed; (B,) how many. Layer `VOLUME` + k is level k.
+        (B, K) layer, cell, old and new value of what this decision changed; (B,) how many. Layer `VOLUME` + k is
+        level k.
     """
 
     log_odds: wp.array3d[wp.int8]
@@ -64,7 +65,7 @@ class MapModel:
     """Cells along x and y, their size (m), and the radius of ground called hazardous around a stuck robot.
 
     ``levels`` (0: no volume) start at height ``floor`` in the team frame. A robot needs ``clearance`` free levels to
-    pass, over ground that rises by at most ``step`` levels a cell. Rays sweep free what is within ``sweep`` (m) of them.
+    pass, over ground that rises by at most ``step`` levels a cell. Rays sweep free what is within ``sweep`` m.
     """
 
     nx: int

@@ -1,7 +1,7 @@
 """The cells around a ray, slice by slice along its main axis, and what the ray tells of each. All lengths in cells.
 
-A ray to a measured point proves cells that it runs through to be free, and makes those within its radius likely free. It
-has to pass under a cell's middle: one that passes higher may graze the ground that fills the lower half.
+A ray to a measured point proves cells that it runs through to be free, and makes those within its radius likely free.
+It has to pass under a cell's middle: one that passes higher may graze the ground that fills the lower half.
 """
 
 from __future__ import annotations

@@ -80,10 +80,10 @@ def in_the_way(ground: GroundMap, model: MapModel, b: int, cell: int, beside: in
     level = int(ground.passage[b, beside])
     if level == NO_PASSAGE:
         return False
+    highest = int(0)
     for k in range(level + model.step, level + model.clearance):
-        if int(ground.volume[b, cell, k]) >= SOLID:
-            return True
-    return False
+        highest = wp.max(highest, int(ground.volume[b, cell, k]))
+    return highest >= SOLID
 
 
 @wp.func

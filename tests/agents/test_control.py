@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from coop_envs.agents.catalog import load_team
 from coop_envs.agents.command import allocate_command
 from coop_envs.agents.control import ACTION_NAMES, action_mask, control, drive_models
-from coop_envs.device import prepare
 from coop_envs.agents.raster import Raster, laser_models
+from coop_envs.device import prepare
 from coop_envs.geometry.arrays import allocate
 
 SCOUTS = load_team("scouts")

@@ -1,4 +1,4 @@
-"""Rasters as a firmware of counts would carry them out: an emulator in plain Python receives what the controller sends."""
+"""Rasters as a firmware of counts carries them out: an emulator in plain Python takes what the controller sends."""
 
 from __future__ import annotations
 
