@@ -3,10 +3,10 @@
 An action is eight numbers in [-1, 1], named in `ACTION_NAMES`. ``hold`` above 0 commands exactly zero motion. Entries a
 robot has no use for are ignored; `action_mask` says which.
 
-A robot with a laser that holds and whose ``scan_request`` is above 0 draws a raster: the request is its width as a share
-of the laser's full raster, ``scan_azimuth`` (left) and ``scan_elevation`` (up) its centre as shares of the mirror's
-reach. A raster that runs goes on while it is requested; the next begins with the first decision after its end. While
-anyone of the team scans, all hats are dark, and the lasers take turns, one a tick.
+A robot with a laser that holds and whose ``scan_request`` is above 0 draws a raster: the request is its width as a
+share of the laser's full raster, ``scan_azimuth`` (left) and ``scan_elevation`` (up) its centre as shares of the
+mirror's reach. A raster that runs goes on while it is requested; the next begins with the first decision after its end.
+While anyone of the team scans, all hats are dark, and the lasers take turns, one a tick.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ def scan(
     raster: Raster, command: Command, model: LaserModel, b: int, r: int, turn: int, scanners: int, request: float,
     azimuth: float, elevation: float,
 ):  # fmt: skip
-    """One decision of scanning. The robot may light its laser in every ``scanners``-th tick, ``turn`` ticks from now."""
+    """One decision of scanning. The robot may light its laser in every ``scanners``-th tick, first after ``turn``."""
     if raster.point[b, r] >= raster.points[b, r]:
         begin_raster(raster, model, b, r, request, azimuth, elevation)
     for t in range(command.laser.shape[2]):

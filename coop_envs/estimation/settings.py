@@ -64,8 +64,8 @@ class MapSettings:
     """The belief's grid and the window of it that a policy sees.
 
     Teams with lasers hold ``levels`` of cells above each other from ``floor_m`` in the team frame on (the first
-    observer's body at its start has height 0). Ground that rises by ``step_levels`` from a cell to the next can still be
-    driven. A scan ray sweeps free what is within ``sweep_radius_m``.
+    observer's body at its start has height 0). Ground that rises by ``step_levels`` from a cell to the next can still
+    be driven. A scan ray sweeps free what is within ``sweep_radius_m``.
     """
 
     __pydantic_config__ = STRICT

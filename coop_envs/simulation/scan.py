@@ -15,10 +15,10 @@ from coop_envs.sensing.camera import CameraModel, in_view, project
 from coop_envs.sensing.leds import LedModel
 from coop_envs.sensing.measurements import Measurements
 from coop_envs.sensing.spots import GRAZING, SpotModel, spot_noise, spot_signal
-from coop_envs.simulation.dynamics import Ground, present
+from coop_envs.simulation.dynamics import Ground
 from coop_envs.simulation.parameters import RobotModel
-from coop_envs.simulation.sight import hidden_by_robot, powered
 from coop_envs.simulation.state import State
+from coop_envs.simulation.visibility import hidden_by_robot, powered
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 

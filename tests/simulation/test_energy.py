@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 
 from coop_envs.agents.catalog import load_hat
-from coop_envs.agents.specification import Battery
+from coop_envs.agents.specification import Battery, Laser
 from coop_envs.simulation.parameters import marker_sum
 from coop_envs.simulation.state import Status
 from coop_envs.worlds.world import Hazard
@@ -58,7 +58,8 @@ def test_a_roach_draws_2_7_watts_whatever_it_does():
 
 
 def test_the_lights_scanner_and_mirrors_have_accounts_of_their_own():
-    physics = physics_of(team_of(prompt(ZUMY)))
+    team = team_of(prompt(ZUMY))
+    physics = physics_of(replace(team, members=(replace(team.members[0], laser=Laser()),)))
     physics.command.brightness.numpy()[:] = 1.0
     physics.command.laser.numpy()[:] = 0.6
     run(physics, 1.0)
@@ -67,7 +68,8 @@ def test_the_lights_scanner_and_mirrors_have_accounts_of_their_own():
     assert energy(physics)[SCANNER] == pytest.approx(0.05 * 0.6, abs=1e-6)
     physics.command.galvo.numpy()[:] = (3, 0)
     run(physics, 1.0)
-    assert energy(physics)[SCANNER] == pytest.approx(2 * 0.05 * 0.6 + 0.5, abs=1e-5)
+    moving = 30 * 3 * 0.01  # thirty moves of three counts of 10 ms
+    assert energy(physics)[SCANNER] == pytest.approx(2 * 0.05 * 0.6 + 0.5 * moving, abs=1e-5)
 
 
 def test_a_white_hat_costs_twice_a_coloured_one():
