@@ -23,13 +23,29 @@ from coop_envs.estimation.settings import Estimation, MapSettings, Rates
 from coop_envs.validation import STRICT, known, read_yaml, validated
 from coop_envs.worlds.arena import ArenaGeometry, RandomArenaGeometry
 from coop_envs.worlds.build import Split, build_world
+from coop_envs.worlds.building import BuildingGeometry
+from coop_envs.worlds.corner import CornerGeometry
 from coop_envs.worlds.flat import FlatGeometry
+from coop_envs.worlds.height_map import HeightMapGeometry
 from coop_envs.worlds.mesh_file import MeshFileGeometry
 from coop_envs.worlds.placement import Footprint
+from coop_envs.worlds.ramp import RampGeometry
+from coop_envs.worlds.rubble import RubbleGeometry
 from coop_envs.worlds.world import World
 
-Geometry = Annotated[ArenaGeometry | RandomArenaGeometry | FlatGeometry | MeshFileGeometry, Field(discriminator="kind")]
-Fidelity = Literal["poses"]
+Geometry = Annotated[
+    ArenaGeometry
+    | RandomArenaGeometry
+    | FlatGeometry
+    | CornerGeometry
+    | RampGeometry
+    | RubbleGeometry
+    | BuildingGeometry
+    | MeshFileGeometry
+    | HeightMapGeometry,
+    Field(discriminator="kind"),
+]
+Fidelity = Literal["poses", "features"]
 Physics = Literal["fast"]
 
 
@@ -59,19 +75,54 @@ class Environment:
 
 
 @dataclass(frozen=True)
+class Calibration:
+    """How far calibration is off, as standard deviations drawn once a robot: the truth departs from what is believed.
+
+    ``focal_share`` scales the focal length, ``centre_px`` shifts the image, ``hat_m`` each LED along each axis.
+    """
+
+    __pydantic_config__ = STRICT
+    focal_share: float = 0.0
+    centre_px: float = 0.0
+    hat_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, limit in (("focal_share", 0.2), ("centre_px", 100.0), ("hat_m", 0.05)):
+            value = getattr(self, name)
+            require(0 <= value <= limit, f"sensing.calibration.{name}", value, f"0 to {limit:g}")
+
+
+@dataclass(frozen=True)
 class Sensing:
-    """Noise of the LED poses: pixel noise at a reference signal, dropouts and outliers per sighting."""
+    """How cameras see LEDs: noise of pixel and hue at a reference signal, losses, lights that are none, calibration.
+
+    A frame misses a hat with the chance ``dropout`` and shows a reflection of it instead with the chance ``outlier``;
+    ``blob_dropout`` is the chance to miss a single LED, ``false_lights`` the mean number of other lights in a frame
+    (at most 4). Blobs closer than ``merge_px`` are one. An LED may be any blob within ``hue_tolerance_deg`` of its hue.
+    """
 
     __pydantic_config__ = STRICT
     pixel_noise_px: float = 0.5
+    hue_noise_deg: float = 5.0
+    hue_tolerance_deg: float = 29.0
     dropout: float = 0.02
     outlier: float = 0.005
+    blob_dropout: float = 0.01
+    false_lights: float = 0.2
+    merge_px: float = 2.0
+    calibration: Calibration = Calibration()
     min_leds: int = 4
     full_signal_range_m: float = 1.0
     detection_signal: float = 0.05
 
     def __post_init__(self) -> None:
         require(self.pixel_noise_px > 0, "sensing.pixel_noise_px", self.pixel_noise_px, "more than 0 px")
+        require(0 <= self.blob_dropout < 1, "sensing.blob_dropout", self.blob_dropout, "0 up to 1")
+        require(0 <= self.false_lights <= 4, "sensing.false_lights", self.false_lights, "0 to 4 a frame")
+        for name in ("hue_noise_deg", "merge_px"):
+            require(getattr(self, name) >= 0, f"sensing.{name}", getattr(self, name), "0 or more")
+        tolerance_fits = 0 < self.hue_tolerance_deg <= 180
+        require(tolerance_fits, "sensing.hue_tolerance_deg", self.hue_tolerance_deg, "above 0, at most 180 degrees")
         require(0 <= self.dropout < 1, "sensing.dropout", self.dropout, "0 up to 1")
         require(0 <= self.outlier < 1, "sensing.outlier", self.outlier, "0 up to 1")
         require(4 <= self.min_leds <= 8, "sensing.min_leds", self.min_leds, "4 to 8")
@@ -167,7 +218,8 @@ def load_scenario(source: str | Path | Scenario, **overrides: Any) -> Scenario:
     """A scenario by name, YAML file or as it is, with entries replaced.
 
     Overrides are names of entries, dotted to reach inside, or nested mappings. ``team`` takes a preset's name, a YAML
-    file or a mapping; ``world`` takes a mesh file, which replaces the geometry and makes coverage the task.
+    file or a mapping; ``world`` takes a mesh or a .png height map, which replaces the geometry and makes
+    coverage the task.
     Raises: `ConfigError` in one line.
     """
     if isinstance(source, Scenario) and not overrides:
@@ -218,6 +270,7 @@ def footprints(team: Team) -> tuple[Footprint, ...]:
             contact_radius_m=member.robot.contact_radius_m,
             max_step_m=member.robot.max_step_m,
             start=member.start,
+            camera=member.camera is not None,
         )
         for member in team.members
     )
@@ -237,10 +290,12 @@ def _read(source: str | Path) -> dict[str, Any]:
 
 
 def _mesh_overrides(path: str) -> dict[str, Any]:
+    """Changes that make a file the world: a height map if it is a .png, else a mesh."""
+    picture = Path(path).suffix.lower() == ".png"
     return {
         "name": Path(path).stem,
-        "description": f"The mesh {Path(path).name}; map what can be reached.",
-        "environment": {"geometry": {"kind": "mesh_file", "path": path}},
+        "description": f"The {'height map' if picture else 'mesh'} {Path(path).name}; map what can be reached.",
+        "environment": {"geometry": {"kind": "height_map" if picture else "mesh_file", "path": path}},
         "task": {"success": "coverage"},
         "map": {"ego_stride": 4},
     }

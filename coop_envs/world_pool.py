@@ -85,9 +85,30 @@ def _world_and_truth(scenario: Scenario, split: Split, index: int) -> tuple[Worl
     return world, truth
 
 
-@functools.lru_cache(maxsize=128)
 def _solids(scenario: Scenario, split: Split, index: int) -> SolidColumns:
-    return solid_columns(_world_and_truth(scenario, split, index)[0], scenario.map.cell_m)
+    return _solids_of(_Surfaces(_world_and_truth(scenario, split, index)[0]), scenario.map.cell_m)
+
+
+class _Surfaces:
+    """A world as far as rays meet it: equal to another if both have the very same ground, mesh and first start.
+
+    So the worlds of one mesh file, which differ in their hidden traps alone, share what is costly.
+    """
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self._key = (id(world.ground), id(world.mesh), world.starts[:1])
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Surfaces) and self._key == other._key
+
+
+@functools.lru_cache(maxsize=128)
+def _solids_of(surfaces: _Surfaces, cell_m: float) -> SolidColumns:
+    return solid_columns(surfaces.world, cell_m)
 
 
 def _scans(scenario: Scenario) -> bool:
@@ -124,4 +145,4 @@ def world_index(seed: int, episode: int, num_worlds: int) -> int:
 
 def default_num_worlds(scenario: Scenario) -> int:
     """One world where the geometry is always the same or costly to build, else 32."""
-    return 32 if scenario.environment.geometry.kind == "random_arena" else 1
+    return 32 if scenario.environment.geometry.kind in ("random_arena", "ramp", "rubble", "building") else 1

@@ -11,6 +11,7 @@ import pytest
 from coop_envs.agents.catalog import load_hat, names
 from coop_envs.errors import ConfigError, WorldError
 from coop_envs.scenario import load_scenario, scenario_names, scenario_world
+from coop_envs.worlds.height_map import HeightMapGeometry
 from coop_envs.worlds.mesh_file import MeshFileGeometry
 
 EVERY = [(scenario, team) for scenario in scenario_names() for team in names("teams")]
@@ -22,30 +23,36 @@ def test_every_scenario_takes_every_team(name, team, split):
     scenario = load_scenario(name, team=team)
     world = scenario_world(scenario, split, 3)
     assert len(world.starts) == len(scenario.team.members)
-    assert world.goal is not None
+    assert (world.goal is not None) is (scenario.task.success == "goal")
     assert np.isfinite(world.ground.heights_m).all()
 
 
 @pytest.mark.parametrize(("name", "team"), EVERY)
-def test_the_observer_sees_enough_of_every_picket_at_the_start(name, team):
+def test_the_observer_and_every_picket_are_linked_by_sight_at_the_start(name, team):
     scenario = load_scenario(name, team=team)
     world = scenario_world(scenario)
-    observer, camera = scenario.team.members[0], scenario.team.members[0].camera
-    assert camera is not None
-    R_world_body, tilt = rotation_z(world.starts[0][2]), camera.pitch_down_rad
-    R_body_camera = np.array([[0, -np.sin(tilt), np.cos(tilt)], [-1, 0, 0], [0, -np.cos(tilt), -np.sin(tilt)]])
-    p_world_camera = np.array([*world.starts[0][:2], observer.robot.body_height_m]) + R_world_body @ camera.position_m
-    intrinsics = np.array([[camera.fx_px, 0, camera.cx_px], [0, camera.fy_px, camera.cy_px], [0, 0, 1]])
+    observer, place = scenario.team.members[0], world.starts[0]
     for member, start in zip(scenario.team.members[1:], world.starts[1:], strict=True):
-        if member.reserve:
-            continue
-        assert member.hat is not None
-        leds = np.array([led.position_m for led in member.hat.leds]) @ rotation_z(start[2]).T
-        p_world_body = np.array([*start[:2], member.robot.body_height_m])
-        p_leds = (leds + p_world_body - p_world_camera) @ R_world_body @ R_body_camera
-        pixels = cv2.projectPoints(p_leds, np.zeros(3), np.zeros(3), intrinsics, np.array(camera.distortion))[0][:, 0]
-        inside = np.all((pixels >= 0) & (pixels < [camera.width_px, camera.height_px]), axis=1)
-        assert inside.sum() >= scenario.sensing.min_leds, member.name
+        if not member.reserve:
+            seen = max(leds_in_view(observer, place, member, start), leds_in_view(member, start, observer, place))
+            assert seen >= scenario.sensing.min_leds, member.name
+
+
+def leds_in_view(viewer, pose, member, start) -> int:
+    """How many LEDs of a member at its start lie in the picture of a viewer's camera, on level ground."""
+    camera = viewer.camera
+    if camera is None or member.hat is None:
+        return 0
+    R_world_body, tilt = rotation_z(pose[2]), camera.pitch_down_rad
+    R_body_camera = np.array([[0, -np.sin(tilt), np.cos(tilt)], [-1, 0, 0], [0, -np.cos(tilt), -np.sin(tilt)]])
+    p_world_camera = np.array([*pose[:2], viewer.robot.body_height_m]) + R_world_body @ camera.position_m
+    intrinsics = np.array([[camera.fx_px, 0, camera.cx_px], [0, camera.fy_px, camera.cy_px], [0, 0, 1]])
+    leds = np.array([led.position_m for led in member.hat.leds]) @ rotation_z(start[2]).T
+    p_world_body = np.array([*start[:2], member.robot.body_height_m])
+    p_leds = (leds + p_world_body - p_world_camera) @ R_world_body @ R_body_camera
+    pixels = cv2.projectPoints(p_leds, np.zeros(3), np.zeros(3), intrinsics, np.array(camera.distortion))[0][:, 0]
+    inside = np.all((pixels >= 0) & (pixels < [camera.width_px, camera.height_px]), axis=1)
+    return int(np.sum(inside & (p_leds[:, 2] > 0)))
 
 
 def rotation_z(yaw):
@@ -95,6 +102,12 @@ def test_a_world_file_replaces_the_geometry_and_makes_coverage_the_task():
     assert scenario.environment.geometry == MeshFileGeometry("somewhere/hall.ply", scale=0.001)
     with pytest.raises(WorldError, match=r"environment\.geometry\.path: .*a file that exists"):
         scenario_world(scenario)
+
+
+def test_a_png_is_a_height_map():
+    scenario = load_scenario("arena", world="somewhere/hills.PNG", **{"environment.geometry.pixel_m": 0.05})
+    assert scenario.environment.geometry == HeightMapGeometry("somewhere/hills.PNG", pixel_m=0.05)
+    assert (scenario.name, scenario.task.success, scenario.map.ego_stride) == ("hills", "coverage", 4)
 
 
 def test_a_scenario_is_read_from_a_file(tmp_path):
@@ -161,7 +174,7 @@ def test_bad_files_are_refused_in_one_line(tmp_path, text, message):
 
 
 def test_unknown_scenarios_are_refused():
-    with pytest.raises(ConfigError, match=r"^scenario: got 'aren'.*arena, random_arena, u_turn; did you mean 'arena'"):
+    with pytest.raises(ConfigError, match=r"^scenario: got 'aren'.*arena, building, corner, .*; did you mean 'arena'"):
         load_scenario("aren")
     with pytest.raises(ConfigError, match="a file that exists"):
         load_scenario("nowhere.yaml")

@@ -2,6 +2,7 @@
 
 from coop_envs.worlds.build import Split, build_world
 from coop_envs.worlds.placement import Footprint
+from coop_envs.worlds.solid import SolidColumns, solid_columns
 from coop_envs.worlds.truth import TruthGrid, safe_path_exists, truth_grid
 from coop_envs.worlds.world import Hazard, HazardKind, HeightField, Medium, Mesh, World
 
@@ -12,10 +13,12 @@ __all__ = [
     "HeightField",
     "Medium",
     "Mesh",
+    "SolidColumns",
     "Split",
     "TruthGrid",
     "World",
     "build_world",
     "safe_path_exists",
+    "solid_columns",
     "truth_grid",
 ]

@@ -12,14 +12,12 @@ import numpy as np
 
 from coop_envs.errors import WorldError, require
 from coop_envs.validation import STRICT
-from coop_envs.worlds.placement import Footprint, Formation, Pose, formation_poses
-from coop_envs.worlds.raster import lowest_ground
-from coop_envs.worlds.siting import find_start, hidden_traps, largest_floor, passage_m
-from coop_envs.worlds.truth import passable_ground
+from coop_envs.worlds.placement import Footprint, formation_poses
+from coop_envs.worlds.raster import lowest_ground, single_valued
+from coop_envs.worlds.siting import FORMATIONS, Traps, require_traps, sited, with_traps
 from coop_envs.worlds.world import HeightField, Mesh, World
 
 SUFFIXES = (".ply", ".obj", ".stl")
-FORMATIONS = (Formation(ahead_m=0.35, spacing_m=0.25), Formation(ahead_m=0.2, spacing_m=0.16))
 MOST_NODES = 16_000_000
 
 
@@ -48,10 +46,7 @@ class MeshFileGeometry:
         scale_fits = np.isfinite(self.scale) and self.scale > 0
         require(scale_fits, "environment.geometry.scale", self.scale, "a finite number above 0")
         require(self.headroom_m > 0, "environment.geometry.headroom_m", self.headroom_m, "more than 0 m")
-        require(self.hazards >= 0, "environment.geometry.hazards", self.hazards, "0 or more")
-        for name in ("hazard_radius_m", "hazard_distance_m"):
-            least, most = getattr(self, name)
-            require(0 < least <= most, f"environment.geometry.{name}", (least, most), "(least, most) above 0 m")
+        require_traps(self.hazards, self.hazard_radius_m, self.hazard_distance_m)
         require(0.005 <= self.cell_m <= 0.025, "environment.geometry.cell_m", self.cell_m, "0.005 to 0.025 m")
 
     def build(self, team: Sequence[Footprint], rng: np.random.Generator) -> World:
@@ -59,15 +54,10 @@ class MeshFileGeometry:
 
         Raises: `WorldError` for a mesh that is broken, empty, too large, or too narrow for the team.
         """
-        world = _without_hazards(replace(self, path=str(Path(self.path).resolve())), tuple(team), _version(self.path))
-        step = min(robot.max_step_m for robot in team)
-        floor = passable_ground(world.ground, world.starts[0][:2], step)
-        radii = (max(robot.body_radius_m for robot in team), max(robot.contact_radius_m for robot in team))
-        start = world.starts[0][:2]
-        traps = hidden_traps(
-            world.ground, floor, start, self.hazards, self.hazard_radius_m, self.hazard_distance_m, radii, rng
+        world = _without_hazards(
+            replace(self, path=str(Path(self.path).resolve())), tuple(team), file_version(self.path)
         )
-        return replace(world, hazards=traps)
+        return with_traps(world, team, Traps(self.hazards, self.hazard_radius_m, self.hazard_distance_m), rng)
 
 
 def load_mesh(path: str, scale: float = 1.0) -> Mesh:
@@ -108,51 +98,36 @@ def _without_hazards(geometry: MeshFileGeometry, team: tuple[Footprint, ...], ve
     mesh, ground = _mesh_and_ground(geometry.path, geometry.scale, geometry.headroom_m, geometry.cell_m, version)
     start, formation = geometry.start, FORMATIONS[0]
     if start is None:
-        start, formation = _found_start(geometry.path, ground, team)
+        start, formation = sited(ground, team, "environment.geometry.scale", geometry.scale)
     starts, dock = formation_poses(team, start, formation)
     return World(Path(geometry.path).stem, ground, mesh, (), starts, dock, geometry.goal)
-
-
-def _found_start(path: str, ground: HeightField, team: tuple[Footprint, ...]) -> tuple[Pose, Formation]:
-    """A start for the widest formation that fits anywhere."""
-    floor = largest_floor(ground, min(robot.max_step_m for robot in team))
-    for formation in FORMATIONS:
-        start = find_start(ground, floor, team, formation)
-        if start is not None:
-            return start, formation
-    size = " x ".join(f"{(n - 1) * ground.cell_m:.2f}" for n in ground.heights_m.shape)
-    active = sum(not robot.reserve for robot in team)
-    expected = (
-        f"free level ground for {active} robots that need {passage_m(team):.2f} m to pass; none found in {size} m"
-    )
-    raise WorldError("environment.geometry.path", path, expected)
 
 
 @functools.lru_cache(maxsize=4)
 def _mesh_and_ground(
     path: str, scale: float, headroom_m: float, cell_m: float, version: tuple[int, int]
-) -> tuple[Mesh, HeightField]:
-    del version  # it is there for the cache's key
+) -> tuple[Mesh | None, HeightField]:
+    """The mesh, None where it is single-valued, and its ground; ``version`` is there for the cache's key."""
+    del version
     mesh = load_mesh(path, scale)
     width = float(np.min(np.ptp(mesh.vertices_m[:, :2], axis=0)))
     size = " x ".join(f"{side:.3g}" for side in np.ptp(mesh.vertices_m, axis=0))
     if width < 0.3:
-        raise WorldError(
-            "environment.geometry.path", path, f"0.3 m or more each way for robots, not {size} m; see scale"
-        )
-    if np.prod(np.ptp(mesh.vertices_m[:, :2], axis=0) / cell_m + 1) > MOST_NODES:
-        raise WorldError(
-            "environment.geometry.path", path, f"at most 100 x 100 m, not {size} m; in mm, use scale 0.001"
-        )
+        expected = f"one that makes {Path(path).name} 0.3 m or more each way for robots, not {size} m"
+        raise WorldError("environment.geometry.scale", scale, expected)
+    if np.prod(np.ptp(mesh.vertices_m[:, :2], axis=0).astype(np.float64) / cell_m + 1) > MOST_NODES:
+        expected = f"one that makes {Path(path).name} at most 100 x 100 m, not {size} m; for mm, scale 0.001"
+        raise WorldError("environment.geometry.scale", scale, expected)
     ground = lowest_ground(mesh, cell_m, headroom_m)
     if not np.isfinite(ground.heights_m).any():
         raise WorldError("environment.geometry.path", path, f"ground facing up (+z) with {headroom_m} m headroom")
     for array in (mesh.vertices_m, mesh.faces, ground.heights_m):
         array.flags.writeable = False
-    return mesh, ground
+    return None if single_valued(mesh, ground) else mesh, ground
 
 
-def _version(path: str) -> tuple[int, int]:
+def file_version(path: str) -> tuple[int, int]:
+    """What tells a changed file from the one remembered: time and size, zeros where there is none."""
     file = Path(path)
     status = file.stat() if file.is_file() else None
     return (status.st_mtime_ns, status.st_size) if status else (0, 0)

@@ -21,7 +21,10 @@ VIEW_HALF_RAD = 0.42
 
 @dataclass(frozen=True)
 class Footprint:
-    """What a world needs to know of a robot to place it; ``start`` (x, y, yaw) overrides the world's choice."""
+    """What a world needs to know of a robot to place it; ``start`` (x, y, yaw) overrides the world's choice.
+
+    ``camera`` says whether it carries one: such robots need not be in the observer's view.
+    """
 
     name: str
     observer: bool
@@ -30,6 +33,7 @@ class Footprint:
     contact_radius_m: float
     max_step_m: float
     start: Pose | None = None
+    camera: bool = False
 
 
 @dataclass(frozen=True)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 from numpy.typing import NDArray
 
+from coop_envs.worlds.columns import chunked_pairs, column_ranges, cross, inset
 from coop_envs.worlds.world import HeightField, Mesh
 
 CHUNK = 2_000_000
@@ -14,6 +13,8 @@ FLAT = 1e-12
 EDGE = 1e-6
 SAME_M = 1e-4
 ALONG_EDGE = 8
+KERB_M = 0.03
+NARROW = 0.5
 
 Mask = NDArray[np.bool_]
 Crossings = tuple[NDArray[np.int64], NDArray[np.float64], Mask]
@@ -22,22 +23,67 @@ Crossings = tuple[NDArray[np.int64], NDArray[np.float64], Mask]
 def lowest_ground(mesh: Mesh, cell_m: float, headroom_m: float) -> HeightField:
     """Height field on nodes at multiples of ``cell_m``; NaN where nothing faces up with headroom.
 
-    Every node's vertical line is cut with every triangle over it. One stands on a surface that faces up if the next one
-    above faces down and leaves ``headroom_m``, or there is none. If the next one faces up too, the space between is
-    taken for solid: a wall sunk into the floor, or a sheet whose underside nobody has seen.
+    Every node's vertical line is cut with every triangle over it. One stands on a surface that faces up if the space
+    above is free and ``headroom_m`` high or unbounded. A node nearest to a wall, which may stand between two verticals,
+    is as high as the wall.
     """
     corners = np.asarray(mesh.vertices_m, dtype=np.float64)[mesh.faces]
     low = np.floor(corners.min(axis=(0, 1))[:2] / cell_m + EDGE)
     high = np.ceil(corners.max(axis=(0, 1))[:2] / cell_m - EDGE)
     nx, ny = (int(n) + 1 for n in high - low)
     node, height, faces_up, faces_down = levels(*crossings(corners, low * cell_m, cell_m, (nx, ny)))
-    last = np.append(np.diff(node) != 0, True)
-    free_above = np.append(np.diff(height) >= headroom_m, True) & np.append(faces_down[1:], True)
-    standing = np.flatnonzero(faces_up & (last | free_above))
+    roomy = np.append((np.diff(node) != 0) | (np.diff(height) >= headroom_m), True)
+    standing = np.flatnonzero(faces_up & roomy & free_above(node, faces_up, faces_down))
     nodes, first = np.unique(node[standing], return_index=True)
     heights = np.full(nx * ny, np.nan, dtype=np.float32)
     heights[nodes] = height[standing[first]]
-    return HeightField(heights.reshape(nx, ny), (float(low[0]) * cell_m, float(low[1]) * cell_m), cell_m)
+    heights = _with_walls(heights.reshape(nx, ny), corners, low * cell_m, cell_m, headroom_m)
+    return HeightField(heights, (float(low[0]) * cell_m, float(low[1]) * cell_m), cell_m)
+
+
+def _with_walls(
+    heights: NDArray[np.float32],
+    corners: NDArray[np.float64],
+    origin_m: NDArray[np.float64],
+    cell_m: float,
+    headroom_m: float,
+) -> NDArray[np.float32]:
+    """Heights (nx, ny) raised to the tops of triangles too narrow, seen from above, for the nodes to tell.
+
+    Such a triangle is a wall to the nodes in whose squares it stands in a robot's way: higher than ``KERB_M`` over the
+    ground, lower than the headroom.
+    """
+    flat = corners[..., :2]
+    sides = np.linalg.norm(np.roll(flat, -1, axis=1) - flat, axis=2).max(axis=1)
+    area = np.abs(cross(flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]))
+    narrow = inset(corners[area <= NARROW * cell_m * sides])
+    narrow[..., :2] = (narrow[..., :2] - origin_m) / cell_m + 0.5
+    raised = heights.copy()
+    for node, low, high in column_ranges(narrow, heights.shape):
+        i, j = node.T
+        barred = (high > heights[i, j] + KERB_M) & (low < heights[i, j] + headroom_m)
+        np.maximum.at(raised, (i[barred], j[barred]), high[barred].astype(np.float32))
+    return raised
+
+
+def free_above(node: NDArray[np.int64], up: Mask, down: Mask) -> Mask:
+    """Whether the space between each of the `levels` and the next above it, or all above it, is free.
+
+    Where the surfaces over a node close bodies that stand on one another or on open ground, those bodies are solid.
+    Elsewhere, as in scans, space is free if its floor faces up and its ceiling down: between two surfaces that both
+    face up it is taken for solid, a wall sunk into the floor, or a sheet whose underside nobody has seen.
+    """
+    last = np.append(np.diff(node) != 0, True)[: len(node)]
+    entered = (up & ~down).astype(np.int64) - (down & ~up)
+    column = np.cumsum(last) - last
+    total = np.bincount(column, entered, minlength=0).astype(np.int64)
+    upwards = np.cumsum(entered)
+    before = np.append(0, upwards[last])[:-1]
+    depth_above = total[column] - (upwards - before[column])
+    closed = (total >= 0) & (total <= 1)
+    closed[column[depth_above < 0]] = False
+    local = up & (last | np.append(down[1:], True)[: len(node)])
+    return np.where(closed[column], depth_above == 0, local)
 
 
 def single_valued(mesh: Mesh, ground: HeightField) -> bool:
@@ -68,7 +114,7 @@ def crossings(
 ) -> Crossings:
     """(node, height, faces up) for each crossing of a node's vertical with a triangle (t, 3, 3)."""
     a, b, c = (corners[:, k, :2] - origin_m for k in range(3))
-    area = _cross(b - a, c - a)
+    area = cross(b - a, c - a)
     if not np.any(area > FLAT):
         area, b, c, corners = -area, c, b, corners[:, [0, 2, 1]]
     level = np.abs(area) > FLAT
@@ -81,8 +127,8 @@ def crossings(
     for t, k in chunked_pairs(spans[:, 0] * spans[:, 1], CHUNK):
         i, j = first[t, 0] + k // spans[t, 1], first[t, 1] + k % spans[t, 1]
         p = np.stack([i, j], axis=-1) * cell_m
-        w_a = _cross(c[t] - b[t], p - b[t]) / area[t]
-        w_b = _cross(a[t] - c[t], p - c[t]) / area[t]
+        w_a = cross(c[t] - b[t], p - b[t]) / area[t]
+        w_b = cross(a[t] - c[t], p - c[t]) / area[t]
         w_c = 1.0 - w_a - w_b
         inside = np.minimum(np.minimum(w_a, w_b), w_c) >= -EDGE
         height = w_a * z[t, 0] + w_b * z[t, 1] + w_c * z[t, 2]
@@ -93,19 +139,6 @@ def crossings(
     return np.concatenate(nodes), np.concatenate(heights), np.concatenate(ups)
 
 
-def chunked_pairs(counts: NDArray[np.int64], chunk_pairs: int) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
-    """(triangle, running number) for ``counts[triangle]`` places each, in chunks of about ``chunk_pairs``."""
-    ends = np.cumsum(counts)
-    begin = 0
-    while begin < len(counts):
-        done = ends[begin - 1] if begin else 0
-        end = max(int(np.searchsorted(ends, done + chunk_pairs, side="right")), begin + 1)
-        chunk = counts[begin:end]
-        triangles = np.repeat(np.arange(begin, end), chunk)
-        yield triangles, np.arange(len(triangles)) - np.repeat(np.cumsum(chunk) - chunk, chunk)
-        begin = end
-
-
 def levels(node: NDArray[np.int64], height: NDArray[np.float64], up: Mask) -> tuple[NDArray, NDArray, Mask, Mask]:
     """(node, height, any faces up, any faces down) of the surfaces, sorted; those ``SAME_M`` apart are one."""
     order = np.lexsort((height, node))
@@ -114,7 +147,3 @@ def levels(node: NDArray[np.int64], height: NDArray[np.float64], up: Mask) -> tu
     if not len(starts):
         return node, height, up, up
     return node[starts], height[starts], np.logical_or.reduceat(up, starts), np.logical_or.reduceat(~up, starts)
-
-
-def _cross(u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
-    return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]

@@ -4,14 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from coop_envs.errors import WorldError, require
 from coop_envs.worlds.placement import Footprint, Formation, Pose, formation_poses
-from coop_envs.worlds.truth import Mask, clearance_m, components, connected, nearest_node, node_axes_m, step_components
-from coop_envs.worlds.world import Hazard, HeightField
+from coop_envs.worlds.truth import (
+    Mask,
+    clearance_m,
+    components,
+    connected,
+    nearest_node,
+    node_axes_m,
+    passable_ground,
+    step_components,
+)
+from coop_envs.worlds.world import Hazard, HeightField, World
+
+FORMATIONS = (Formation(ahead_m=0.35, spacing_m=0.25), Formation(ahead_m=0.2, spacing_m=0.16))
 
 MARGIN_M = 0.05
 CANDIDATES_M = (0.25, 0.05)
@@ -21,6 +33,47 @@ LEVEL_M = 0.1
 TRIES = 200
 GAP_M = 0.5
 KEPT_SHARE = 0.9
+
+
+@dataclass(frozen=True)
+class Traps:
+    """Hidden traps to lay out: how many, and (least, most) of their radius and of the walk to them from the start."""
+
+    number: int
+    radius_m: tuple[float, float]
+    distance_m: tuple[float, float]
+
+
+def require_traps(number: int, radius_m: tuple[float, float], distance_m: tuple[float, float]) -> None:
+    """Refuse impossible settings of a geometry's ``hazards``, ``hazard_radius_m``, ``hazard_distance_m``."""
+    require(number >= 0, "environment.geometry.hazards", number, "0 or more")
+    for name, (least, most) in (("hazard_radius_m", radius_m), ("hazard_distance_m", distance_m)):
+        require(0 < least <= most, f"environment.geometry.{name}", (least, most), "(least, most) above 0 m")
+
+
+def sited(ground: HeightField, team: Sequence[Footprint], field: str, value: object) -> tuple[Pose, Formation]:
+    """A start on the largest floor for the widest formation that fits anywhere.
+
+    Raises: `WorldError` about ``field``, which has this ``value``, where no formation fits.
+    """
+    floor = largest_floor(ground, min(robot.max_step_m for robot in team))
+    for formation in FORMATIONS:
+        start = find_start(ground, floor, team, formation)
+        if start is not None:
+            return start, formation
+    size = " x ".join(f"{(n - 1) * ground.cell_m:.2f}" for n in ground.heights_m.shape)
+    active = sum(not robot.reserve for robot in team)
+    needed = f"free level ground for {active} robots that need {passage_m(team):.2f} m to pass"
+    raise WorldError(field, value, f"{needed}; none found in {size} m")
+
+
+def with_traps(world: World, team: Sequence[Footprint], traps: Traps, rng: np.random.Generator) -> World:
+    """The world with hidden traps drawn from ``rng`` on ground that its team can reach."""
+    start = world.starts[0][:2]
+    floor = passable_ground(world.ground, start, min(robot.max_step_m for robot in team))
+    radii = (max(robot.body_radius_m for robot in team), max(robot.contact_radius_m for robot in team))
+    numbers = (traps.number, traps.radius_m, traps.distance_m)
+    return replace(world, hazards=world.hazards + hidden_traps(world.ground, floor, start, *numbers, radii, rng))
 
 
 def largest_floor(ground: HeightField, max_step_m: float) -> Mask:

@@ -8,16 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coop_envs.worlds.bodies import ground_mesh
-from coop_envs.worlds.raster import chunked_pairs, crossings, levels
-from coop_envs.worlds.truth import Mask, grid_over, passable_ground
+from coop_envs.worlds.columns import column_ranges, inset
+from coop_envs.worlds.raster import crossings, free_above, levels
+from coop_envs.worlds.truth import grid_over, passable_ground
 from coop_envs.worlds.world import HeightField, World
 
 SLABS = 64
 BELOW_SLABS = 3.5
 MAX_STEP_M = 0.03
-INSET_M = 1e-4
-CHUNK = 500_000
-FLAT = 1e-9
 
 
 @dataclass(frozen=True)
@@ -73,84 +71,24 @@ def _surface_bits(
     corners: NDArray[np.float64], cell_m: float, slab_m: float, shape: tuple[int, int]
 ) -> NDArray[np.uint64]:
     """Slabs (nx, ny) that triangles (t, 3, 3) pass through; x and y in metres from the corner, z in slabs."""
-    corners = _inset(corners * (1.0, 1.0, slab_m)) / (cell_m, cell_m, slab_m)
+    corners = inset(corners * (1.0, 1.0, slab_m)) / (cell_m, cell_m, slab_m)
     corners = corners[(corners[..., 2].min(axis=1) < SLABS) & (corners[..., 2].max(axis=1) >= 0)]
-    first = np.floor(corners[..., :2].min(axis=1)).astype(np.int64).clip(0)
-    last = np.floor(corners[..., :2].max(axis=1)).astype(np.int64).clip(max=np.array(shape) - 1)
-    spans = np.maximum(last - first + 1, 0)
     bits = np.zeros(shape[0] * shape[1], dtype=np.uint64)
-    for t, k in chunked_pairs(spans[:, 0] * spans[:, 1], CHUNK):
-        column = first[t] + np.stack([k // spans[t, 1], k % spans[t, 1]], axis=-1)
-        local = corners[t]
-        local[..., :2] -= column[:, None]
-        low, high = _height_range(local, (spans[t] == 1).all(axis=1))
-        met = (low <= high) & (low < SLABS) & (high >= 0)
-        low, high = (np.floor(z[met]).astype(np.int64) for z in (low, high))
-        _set_bits(bits, column[met, 0] * shape[1] + column[met, 1], low, high + 1)
+    for column, low, high in column_ranges(corners, shape):
+        first, last = (np.floor(z).astype(np.int64) for z in (low, high))
+        _set_bits(bits, column[:, 0] * shape[1] + column[:, 1], first, last + 1)
     return bits.reshape(shape)
 
 
 def _inside_bits(corners: NDArray[np.float64], cell_m: float, shape: tuple[int, int]) -> NDArray[np.uint64]:
-    """Slabs (nx, ny) over whose cell's centre lies the inside of a body, as `lowest_ground` takes it.
-
-    Between two surfaces one above the other is free space if the lower one faces up and the upper one down.
-    """
+    """Slabs (nx, ny) over whose cell's centre lies the inside of a body, as `free_above` takes it."""
     centre = np.array([cell_m / 2, cell_m / 2])
     place, height, up, down = levels(*crossings(corners, centre, cell_m, shape))
-    inside = np.flatnonzero((np.diff(place) == 0) & ~(up[:-1] & down[1:]))
+    inside = np.flatnonzero((np.diff(place) == 0) & ~free_above(place, up, down)[:-1])
     bits = np.zeros(shape[0] * shape[1], dtype=np.uint64)
     low, high = (np.floor(height[at]).astype(np.int64) for at in (inside, inside + 1))
     _set_bits(bits, place[inside], low, high)
     return bits.reshape(shape)
-
-
-def _inset(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Triangles drawn in by ``INSET_M`` from their edges and pushed back by it from the side they face."""
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
-    inwards = corners.mean(axis=1, keepdims=True) - corners
-    share = np.minimum(INSET_M / np.maximum(np.linalg.norm(inwards, axis=2, keepdims=True), 1e-30), 1.0)
-    return corners + inwards * share - INSET_M * normal[:, None]
-
-
-def _height_range(corners: NDArray[np.float64], whole: Mask) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Least and greatest z of each triangle (p, 3, 3) over the unit square; least above greatest where it misses it.
-
-    The part over the square is a polygon whose corners lie on the triangle's edges or over the square's corners.
-    ``whole`` says which triangles lie over the square altogether.
-    """
-    low, high = corners[..., 2].min(axis=1), corners[..., 2].max(axis=1)
-    cut = np.flatnonzero(~whole)
-    if cut.size:
-        heights = np.concatenate([_edge_heights(corners[cut]), _corner_heights(corners[cut])], axis=1)
-        low[cut], high[cut] = np.fmin.reduce(heights, axis=1), np.fmax.reduce(heights, axis=1)
-    return low, high
-
-
-def _edge_heights(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """z (p, 6) where the edges enter and leave the unit square, NaN where they miss it."""
-    step = np.roll(corners, -1, axis=1) - corners
-    with np.errstate(divide="ignore", invalid="ignore"):
-        at = np.stack([-corners[..., :2] / step[..., :2], (1.0 - corners[..., :2]) / step[..., :2]])
-    enter, leave = at.min(axis=0), at.max(axis=0)
-    still = step[..., :2] == 0
-    between = (corners[..., :2] >= 0) & (corners[..., :2] <= 1)
-    enter = np.where(still, np.where(between, 0.0, 2.0), enter).max(axis=-1).clip(0.0)
-    leave = np.where(still, 1.0, leave).min(axis=-1).clip(max=1.0)
-    ends = corners[..., 2, None] + step[..., 2, None] * np.stack([enter, leave], axis=-1)
-    return np.where((enter <= leave)[..., None], ends, np.nan).reshape(len(corners), 6)
-
-
-def _corner_heights(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """z (p, 4) of the triangles over the unit square's corners, NaN where they are not over them."""
-    square = np.array([[0.0, 0.0], [0.0, 1.0], [1.0, 0.0], [1.0, 1.0]])
-    a, b, c = (corners[:, k, None, :2] for k in range(3))
-    area = _cross(b - a, c - a)
-    weights = [_cross(q - p, square - p) for p, q in ((b, c), (c, a), (a, b))]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        shares = np.stack(weights, axis=-1) / area[..., None]
-        heights = np.sum(shares * corners[:, None, :, 2], axis=-1)
-        return np.where((shares.min(axis=-1) >= 0) & (np.abs(area) > FLAT), heights, np.nan)
 
 
 def _set_bits(
@@ -187,7 +125,3 @@ def _lowest_m(
         padded = np.concatenate([heights, np.full_like(heights.take([0], axis=axis), np.nan)], axis=axis)
         heights = np.fmin.reduceat(padded, ranges, axis=axis).take(range(0, len(ranges), 2), axis=axis)
     return heights
-
-
-def _cross(u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
-    return u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]

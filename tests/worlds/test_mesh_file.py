@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 
 from coop_envs.errors import ConfigError, WorldError
+from coop_envs.scenario import load_scenario, scenario_world
 from coop_envs.worlds.build import Split, build_world
 from coop_envs.worlds.mesh_file import MeshFileGeometry
+from coop_envs.worlds.raster import heights_at
 from coop_envs.worlds.truth import truth_grid
-from tests.worlds.builders import room, team_of, written
+from tests.geometry.scenes import cast, terrain_of
+from tests.worlds.builders import box, joined, room, team_of, written
 
 CORRIDOR = Path(__file__).parents[3] / "shared" / "data" / "freiburg079.ply"
 
@@ -102,8 +105,34 @@ def test_broken_meshes_are_refused(tmp_path):
     assert ".ply, .obj, .stl" in refusal(tmp_path / "picture.png")
 
 
+def test_files_cut_short_and_faces_of_nothing_are_refused(tmp_path):
+    whole = Path(written(tmp_path / "whole.ply", room((2.0, 2.0)))).read_bytes()
+    for name, content in (("cut", whole[: len(whole) // 2]), ("head", whole[:60]), ("zero", b"")):
+        path = tmp_path / f"{name}.ply"
+        path.write_bytes(content)
+        assert "environment.geometry.path" in refusal(path)
+    flat = tmp_path / "flat.obj"
+    flat.write_text("v 0 0 0\nv 1 0 0\nv 2 0 0\nv 0 1 0\nf 1 2 3\nf 1 1 4\n")
+    assert "facing up" in refusal(flat)
+    beyond = tmp_path / "beyond.obj"
+    beyond.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n")
+    assert "environment.geometry.path" in refusal(beyond)
+
+
+@pytest.mark.parametrize(
+    ("scale", "reason"),
+    [(0.02, "one that makes rooms.ply 0.3 m or more"), (0.09, "free level ground for 2 robots that need 0.24 m")],
+)
+def test_a_scale_that_makes_robots_larger_than_rooms_is_refused(tmp_path, scale, reason):
+    rooms = written(tmp_path / "rooms.ply", joined(room((8.0, 3.5)), box((3.9, 0.0, 0.0), (4.1, 3.5, 0.5))))
+    assert f"environment.geometry.scale: got {scale}, expected {reason}" in refusal(rooms, scale=scale)
+    assert build_world(MeshFileGeometry(rooms, scale=0.5), team_of(1)).mesh is not None
+
+
 def test_meshes_without_room_are_refused(tmp_path):
-    assert "see scale" in refusal(written(tmp_path / "tiny.ply", room((0.05, 0.05))))
+    assert "environment.geometry.scale: got 1.0, expected one that makes tiny.ply 0.3 m" in refusal(
+        written(tmp_path / "tiny.ply", room((0.05, 0.05)))
+    )
     assert "scale 0.001" in refusal(written(tmp_path / "mm.ply", room((5.0, 2.0)), 1000.0))
     wall = np.array([[0, 0, 0], [1, 1, 0], [1, 1, 1.0]]), np.array([[0, 1, 2]])
     assert "facing up" in refusal(written(tmp_path / "wall.ply", wall))
@@ -136,3 +165,23 @@ def test_the_real_corridor_takes_a_team():
     assert abs(np.sin(yaw)) < 0.3
     assert len(world.hazards) == 6
     assert truth_grid(world, 0.07, 0.045, 0.05).reachable.sum() > 34 * 2 / 0.05**2
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not CORRIDOR.is_file(), reason="needs the scanned corridor ../shared/data/freiburg079.ply")
+def test_surveyors_face_open_ground_in_the_real_corridor():
+    scenario = load_scenario("arena", team="surveyors", world=str(CORRIDOR))
+    terrain = terrain_of(scenario_world(scenario))
+    for index in (0, 29):
+        world = scenario_world(scenario, "heldout", index)
+        assert len(world.starts) == 3
+        for x, y, yaw in world.starts:
+            ahead = np.arange(0.0, 2.0, 0.02)[:, None]
+            lanes = np.linspace(-0.1, 0.1, 5)
+            at_x = x + ahead * np.cos(yaw) - lanes * np.sin(yaw)
+            at_y = y + ahead * np.sin(yaw) + lanes * np.cos(yaw)
+            floor = heights_at(world.ground, at_x, at_y)
+            assert np.isfinite(floor).all()
+            assert np.abs(np.diff(floor, axis=0)).max() < 0.015
+            eye = np.array([[x, y, heights_at(world.ground, np.array([x]), np.array([y]))[0] + 0.15]])
+            assert cast(terrain, eye, np.array([[np.cos(yaw), np.sin(yaw), 0.0]]))[0] > 2.0
