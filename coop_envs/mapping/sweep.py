@@ -72,11 +72,23 @@ def span_in_slice(sweep: Sweep, s: int, axis: int) -> wp.vec2i:
 
 
 @wp.func
+def off_axis(sweep: Sweep, cell: wp.vec3i) -> wp.vec3:
+    """From the ray, squarely, to a cell's middle."""
+    e = wp.vec3(float(cell[0]) + 0.5, float(cell[1]) + 0.5, float(cell[2]) + 0.5) - sweep.start
+    return e - sweep.along * wp.dot(e, sweep.along)
+
+
+@wp.func
+def in_cylinder(sweep: Sweep, cell: wp.vec3i) -> bool:
+    """Whether a cell's middle lies within the radius."""
+    return wp.length_sq(off_axis(sweep, cell)) <= sweep.radius * sweep.radius
+
+
+@wp.func
 def swept_evidence(sweep: Sweep, cell: wp.vec3i) -> int:
     """Log-odds, in sixteenths, that the ray gives a cell of one of its slices; 0 beyond its radius or under it."""
-    e = wp.vec3(float(cell[0]) + 0.5, float(cell[1]) + 0.5, float(cell[2]) + 0.5) - sweep.start
-    off = e - sweep.along * wp.dot(e, sweep.along)
-    distance2 = wp.dot(off, off)
+    off = off_axis(sweep, cell)
+    distance2 = wp.length_sq(off)
     if off[2] < UNDER or distance2 > sweep.radius * sweep.radius:
         return 0
     if distance2 <= 0.25:

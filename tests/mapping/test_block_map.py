@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from coop_envs.mapping.block_map import BlockMap
+from coop_envs.mapping.swept_volume import SweptVolume
 from tests.mapping.test_volume import CELL, CORNER, FLOOR, LEVELS, NX, NY, Room
 
 
@@ -66,3 +67,16 @@ def test_nothing_is_known_of_an_empty_map():
 def test_broken_rays_are_refused(ends):
     with pytest.raises(ValueError, match="rays: got shapes"):
         BlockMap().enter([[1.0, 1.0, 1.0]], ends)
+
+
+def test_h_v_is_the_union_of_the_cylinders():
+    """Against the exact union of meshes; cells of 5 cm are coarse, but err either way."""
+    rng = np.random.default_rng(5)
+    eye, angle = np.array([0.013, 0.021, 0.15]), rng.uniform(-0.6, 0.6, 60)
+    ends = eye + np.stack([2 * np.cos(angle), 2 * np.sin(angle), rng.uniform(-0.2, 0.3, 60)], axis=-1)
+    exact = SweptVolume()
+    exact.add(np.broadcast_to(eye, ends.shape), ends)
+    for cell_m, tolerance in ((0.05, 0.06), (0.025, 0.03)):
+        blocks = BlockMap(cell_m)
+        blocks.enter(np.broadcast_to(eye, ends.shape), ends)
+        assert blocks.h_v == pytest.approx(exact.h_v, rel=tolerance)
