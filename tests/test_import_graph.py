@@ -31,7 +31,7 @@ ALLOWED: dict[str, set[str]] = {
     "coop_envs": ENVIRONMENT,
     "baselines": SEEN_BY_POLICIES,
     "policies": SEEN_BY_POLICIES,
-    "experiments": ENVIRONMENT,
+    "experiments": ENVIRONMENT | {"baselines"},
     "hardware_bridge": FOUNDATION
     | {"coop_envs.geometry", "coop_envs.agents", "coop_envs.sensing", "coop_envs.estimation", "coop_envs.mapping"}
     | {"coop_envs.observations", "coop_envs.actions", "coop_envs.belief_loop", "coop_envs.recording"},

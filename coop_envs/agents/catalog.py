@@ -8,6 +8,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from coop_envs.agents.camera_info import from_file
 from coop_envs.agents.colours import with_distinct_hats
 from coop_envs.agents.specification import Camera, Hat, RobotSpecification
 from coop_envs.agents.team import Team
@@ -28,7 +29,7 @@ def load_hat(reference: Reference) -> Hat:
 
 
 def load_camera(reference: Reference) -> Camera:
-    """A camera by name, or by a mapping as in `load_robot`."""
+    """A camera by name, or by a mapping as in `load_robot`; ``file`` takes lens and image size from a calibration."""
     return validated(Camera, _resolved("cameras", reference, "camera"), "camera")
 
 
@@ -47,7 +48,7 @@ def team_tree(reference: Any) -> dict[str, Any]:
     """A team as a plain mapping with every name resolved, ready to be overridden (and resolved again) and validated."""
     tree = _team_source(reference)
     members: Any = tree.get("members")
-    require(isinstance(members, list) and bool(members), "team.members", members, "a list of robots")
+    require(isinstance(members, list | tuple) and bool(members), "team.members", members, "a list of robots")
     expanded = [member for i, entry in enumerate(members) for member in _members(entry, f"team.members.{i}")]
     for i, member in enumerate(expanded):
         role = member.get("role")
@@ -97,7 +98,7 @@ def _resolved(shelf: str, reference: Any, field: str) -> dict[str, Any]:
         return dict(_shelf_entry(shelf, known(reference, names(shelf), field, f"one of the {shelf}")))
     if not isinstance(reference, Mapping):
         raise ConfigError(field, reference, f"one of the {shelf} ({', '.join(names(shelf))}) or a mapping")
-    changes = dict(reference)
+    changes = from_file(reference) if "file" in reference and shelf == "cameras" else dict(reference)
     base = changes.pop("base", None)
     return {**_resolved(shelf, base, f"{field}.base"), **changes} if base is not None else changes
 

@@ -47,3 +47,9 @@ def segment_energy_j(matrix: ArrayLike, start: ArrayLike, end: ArrayLike, durati
     """Energy of a segment from power state ``start`` to ``end`` (both (k,)), eq (6.5). The matrix must be symmetric."""
     m, a, b = (np.asarray(value, dtype=float) for value in (matrix, start, end))
     return float(duration_s / 3.0 * (a @ m @ a + a @ m @ b + b @ m @ b))
+
+
+def sampled_energy_j(matrix: ArrayLike, states: ArrayLike, period_s: float) -> float:
+    """Energy of power states (n, k) that were sampled every ``period_s``, each held for one period: eq (6.16)."""
+    m, x = np.asarray(matrix, dtype=float), np.asarray(states, dtype=float)
+    return float(period_s * np.einsum("ni,ij,nj->", x, m, x))

@@ -1,8 +1,8 @@
 """A sparse volume map for evaluation: blocks of 16^3 cells, made where rays go, of any extent in all directions.
 
-It takes the rays that a team's own map takes, and tells the same of their cells, in any axes and at all heights. It also
-counts the cells whose middle lies in any ray's cylinder: h_v of thesis section 6.2.3 to the precision of its cells (see
-`swept_volume` for the exact union, which costs seconds a hundred rays).
+It takes the rays that a team's own map takes, and tells the same of their cells, in any axes and at all heights. It
+also counts the cells whose middle lies in any ray's cylinder: h_v of thesis section 6.2.3 to the precision of its cells
+(see `swept_volume` for the exact union, which costs seconds a hundred rays).
 """
 
 from __future__ import annotations

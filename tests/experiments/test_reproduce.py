@@ -1,0 +1,51 @@
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from coop_envs import cli
+from experiments.comparison import Comparison
+from experiments.reproduce import EXPERIMENTS, main
+
+
+def test_one_figure_leaves_a_picture_and_its_numbers(tmp_path, capsys):
+    assert cli.main(["reproduce", "figure-6.1", "--out", str(tmp_path)]) == 0
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["figure-6.1.json", "figure-6.1.png"]
+    assert (tmp_path / "figure-6.1.png").read_bytes().startswith(b"\x89PNG")
+    document = json.loads((tmp_path / "figure-6.1.json").read_text())
+    assert len(document["comparisons"]) == 12
+    assert all(abs(row["deviation_percent"]) < 2 for row in document["comparisons"])
+    out = capsys.readouterr().out
+    assert "thesis" in out and "fov pi/2, t0" in out
+
+
+def test_json_goes_to_standard_output(tmp_path, capsys):
+    assert main(["figure-6.1", "--out", str(tmp_path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["name"] == "figure-6.1"
+
+
+def test_an_unknown_name_is_one_line_with_a_hint(tmp_path, capsys):
+    assert cli.main(["reproduce", "figure-6.11", "--out", str(tmp_path)]) == 2
+    error = capsys.readouterr().err.strip()
+    assert error.startswith("error: name: got 'figure-6.11'") and "figure-6.1" in error and "\n" not in error
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_cannot_be_written_is_refused_first(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert cli.main(["reproduce", "figure-6.1", "--out", str(tmp_path / "file" / "x")]) == 2
+    assert "out: got" in capsys.readouterr().err
+
+
+def test_help_names_every_figure(capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(["--help"])
+    assert stop.value.code == 0
+    text = capsys.readouterr().out
+    assert all(name in text for name in EXPERIMENTS)
+
+
+def test_a_deviation_needs_something_to_deviate_from():
+    assert Comparison("h_v", "d^3", 22.0, 20.0).deviation_percent == pytest.approx(10.0)
+    assert Comparison("h_v", "d^3", 22.0).deviation_percent is None
