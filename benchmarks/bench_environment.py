@@ -34,7 +34,7 @@ begin = time.perf_counter()
 import coop_envs
 imported = time.perf_counter()
 from coop_envs import exploration_v0
-env = exploration_v0.parallel_env("arena", team="inchworm")
+env = exploration_v0.parallel_env("arena", team="inchworm", fidelity="poses")
 observations, _ = env.reset(seed=0)
 env.step({name: env.action_space(name).low for name in env.agents})
 print(imported - begin, time.perf_counter() - begin)
@@ -77,7 +77,7 @@ def seconds(call: Callable[[Any], object], argument: object) -> float:
 
 def one_team(repetitions: int, decisions: int) -> dict[str, float]:
     """Team-decisions/s of a `parallel_env` of three robots at work, beside its kernels alone."""
-    env = exploration_v0.parallel_env("arena", team="inchworm")
+    env = exploration_v0.parallel_env("arena", team="inchworm", fidelity="poses")
     rates, floors = [], []
     for repetition in range(repetitions):
         env.reset(seed=repetition)

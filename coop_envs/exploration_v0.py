@@ -24,7 +24,7 @@ __all__ = ["env", "parallel_env", "team_env", "vector_env"]
 
 def parallel_env(
     scenario: str | Path | Scenario = "arena",
-    fidelity: str = "poses",
+    fidelity: str = "features",
     physics: str = "fast",
     render_mode: str | None = None,
     seed: int | None = None,

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from coop_envs.agents.catalog import load_team
+from coop_envs.agents.catalog import load_camera, load_team
 from coop_envs.scenario import load_scenario
 from coop_envs.validation import read_yaml
 
@@ -35,8 +35,11 @@ def test_yaml_blocks_load(page, tmp_path):
     for number, text in enumerate(blocks(page, "yaml")):
         path = tmp_path / f"{number}.yaml"
         path.write_text(text, encoding="utf-8")
-        is_team = "members" in read_yaml(text, str(path))
-        assert (load_team(path) if is_team else load_scenario(path)).name
+        entries = read_yaml(text, str(path))
+        if "camera_matrix" in entries:
+            assert load_camera({"file": path}).name
+        else:
+            assert (load_team(path) if "members" in entries else load_scenario(path)).name
 
 
 def test_quick_start_is_short():

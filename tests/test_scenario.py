@@ -147,6 +147,14 @@ def test_a_scenario_is_read_from_a_file(tmp_path):
         ({"team": 3}, r"^team: got 3"),
         ({"team.members.99.hat": "hat0"}, r"^team\.members\.99: .*0 to 12"),
         ({"team.members.picket_0.hat": "hat9"}, r"^team\.members\.1\.hat: .*hat0"),
+        ({"fidelity": "poses2"}, r"^fidelity: got 'poses2', expected 'poses' or 'features'"),
+        ({"sensing.calibration.focal_share": 0.5}, r"^sensing\.calibration\.focal_share: got 0\.5, expected 0 to 0\.2"),
+        ({"sensing": {"calibration": {"hat_m": -0.1}}}, r"^sensing\.calibration\.hat_m: got -0\.1"),
+        ({"sensing": {"calibration": {"hat_mm": 1}}}, r"^sensing\.calibration\.hat_mm: .*did you mean 'hat_m'"),
+        ({"sensing.false_lights": 9}, r"^sensing\.false_lights: got 9\.0, expected 0 to 4 a frame"),
+        ({"sensing.hue_tolerance_deg": 0}, r"^sensing\.hue_tolerance_deg: got 0"),
+        ({"sensing.blob_dropout": 1.0}, r"^sensing\.blob_dropout: got 1"),
+        ({"sensing.merge_px": -1}, r"^sensing\.merge_px: got -1"),
     ],
 )
 def test_bad_entries_are_refused_in_one_line(overrides, message):
@@ -171,6 +179,13 @@ def test_bad_files_are_refused_in_one_line(tmp_path, text, message):
     with pytest.raises(ConfigError, match=message) as caught:
         load_scenario(file)
     assert "\n" not in str(caught.value)
+
+
+def test_a_scenario_can_be_changed_again():
+    scenario = load_scenario("arena")
+    changed = load_scenario(scenario, fidelity="features")
+    assert changed.fidelity == "features" and changed.team == scenario.team
+    assert len({member.hat for member in changed.team.members}) == len(changed.team.members)
 
 
 def test_unknown_scenarios_are_refused():

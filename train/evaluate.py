@@ -20,7 +20,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from coop_envs.cli import parse
 from coop_envs.errors import require
 from coop_envs.policy import check_needs, load_policy
-from train.episode import EpisodeJob, Row, identity, make_exploration, policy_label, run_episode
+from train.episode import EpisodeJob, Row, episode_name, identity, make_exploration, policy_label, run_episode
 from train.pool import Outcome, available_cpus, run_jobs
 from train.reporting import PICTURED, Pictures, installed, keep_picture, report, reportable
 from train.results import CRASHED, Document, add_row, new_document, summarise, to_json, write
@@ -52,7 +52,7 @@ class Options:
     """Which worlds: those kept from training, or those trained in."""
     out: Path = Path("out/evaluate")
     """Folder for the outputs: new, empty, or of an earlier evaluation, which is replaced."""
-    fidelity: str = "poses"
+    fidelity: str = "features"
     """Rung of the fidelity ladder."""
     physics: str = "fast"
     """Physics engine."""
@@ -89,6 +89,8 @@ def evaluate(options: Options, command: str, make_env: Callable[..., Any] = make
     document = new_document(command, dataclasses.asdict(options), [policy_label(p) for p in options.policy])
     pictures: Pictures = {}
     status = _run(_jobs(options, command, make_env), options, document, pictures, console)
+    if status == "interrupted":
+        drop_unfinished(document, options.out)
     summarise(document, status)
     write(document, options.out / "results.json")
     _tell(document, pictures, options, console)
@@ -137,6 +139,14 @@ def clear(folder: Path) -> None:
         (folder / name).unlink(missing_ok=True)
 
 
+def drop_unfinished(document: Document, folder: Path) -> None:
+    """Remove the files of episodes that are not in the document: a log is complete a little before its episode."""
+    kept = {episode_name(row["policy"], row["episode"]) for row in _rows(document)}
+    for path in itertools.chain(folder.glob("episodes/*"), folder.glob("videos/*")):
+        if path.stem not in kept:
+            path.unlink(missing_ok=True)
+
+
 def _jobs(options: Options, command: str, make_env: Callable[..., Any]) -> list[EpisodeJob]:
     """Episode by episode, each with every policy, so that an interrupted evaluation still compares."""
     log = installed("mcap")
@@ -150,7 +160,7 @@ def _jobs(options: Options, command: str, make_env: Callable[..., Any]) -> list[
             folder=options.out,
             log=log,
             video=options.video,
-            picture=episode < PICTURED,
+            picture=episode < PICTURED and reportable(),
             command=command,
             make_env=make_env,
         )

@@ -3,9 +3,11 @@
 Blobs within a tolerance of an LED's hue are its candidates, as many as there are; any LED may be missing. All
 assignments of three LEDs are solved, and each pose is checked against the other LEDs. A pose that explains four LEDs
 explains all triples among them, so it is enough to try triples of which every four LEDs contain one: Turan's
-construction, 6 of the 20 triples of six LEDs.
+construction, 6 of the 20 triples of six LEDs. Where many hats share hues, a pose that explains all LEDs of a hat ends
+the search among other blobs than its own.
 
-Source: thesis section 4.3.2.4, which takes the first consistent assignment; eq (4.15) as corrected counts `assignments`.
+Source: thesis section 4.3.2.4, whose authors take the first consistent assignment; `assignments` is eq (4.15) as
+corrected.
 """
 # pyright: reportUnknownVariableType=false
 # To the type checker, entries of Warp's matrices have no type.
@@ -23,6 +25,7 @@ from coop_envs.sensing.refinement import NEAREST_M, Pose, Workspace, refined, ve
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 MAX_CANDIDATES = 16
+CROWD = wp.constant(1000)
 NEAR_COS = wp.constant(wp.float64(0.995))
 NEAR_SHARE = wp.constant(wp.float64(0.05))
 NOISES = wp.constant(wp.float64(5.0))
@@ -51,6 +54,7 @@ class Search:
     best: Pose
     second: Pose
     checks: int
+    crowded: int
     solutions: int
     unreachable: int
     diverged: int
@@ -131,12 +135,10 @@ def near(a: Pose, b: Pose) -> bool:
 @wp.func
 def explained(by: Pose, pose: Pose) -> bool:
     """Whether a pose is about one that is known, on no other blobs."""
-    if by.inliers == 0 or not near(by, pose):
-        return False
+    same = by.inliers > 0 and near(by, pose)
     for k in range(8):
-        if pose.blob[k] >= 0 and pose.blob[k] != by.blob[k]:
-            return False
-    return True
+        same = same and (pose.blob[k] < 0 or pose.blob[k] == by.blob[k])
+    return same
 
 
 @wp.func
@@ -250,13 +252,18 @@ def try_triple(
     if wp.length_sq(wp.cross(y - x, z - x)) < wp.float64(1.0e-4) * square[0] * square[1]:
         return out
     body = triad(x, y, z)
+    mine = out.best.blob
+    settled = out.crowded == 1 and out.best.inliers == hats.leds[j]
     for a in range(work.candidates[b, i, leds[0]]):
         first = work.candidate[b, i, leds[0], a]
         for c in range(work.candidates[b, i, leds[1]]):
             second = work.candidate[b, i, leds[1], c]
             for e in range(work.candidates[b, i, leds[2]]):
                 third = work.candidate[b, i, leds[2], e]
-                if first != second and first != third and second != third and out.checks < model.max_checks:
+                worth = first != second and first != third and second != third and out.checks < model.max_checks
+                if settled:
+                    worth = worth and first == mine[leds[0]] and second == mine[leds[1]] and third == mine[leds[2]]
+                if worth:
                     out.checks = out.checks + 1
                     u = work.ray[b, i, first]
                     v = work.ray[b, i, second]
@@ -280,6 +287,10 @@ def search_hat(
     """Search the triples of Turan's set (effort 0), or all others (effort 1), of the ``found`` LEDs with candidates."""
     out = Search()
     order = ranked(work, b, i, hats.leds[j])
+    counts = vec8i()
+    for k in range(hats.leds[j]):
+        counts[k] = work.candidates[b, i, k]
+    out.crowded = int(assignments(counts) > CROWD)
     for x in range(found - 2):
         for y in range(x + 1, found - 1):
             for z in range(y + 1, found):

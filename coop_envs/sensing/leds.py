@@ -16,9 +16,20 @@ SHOT_SIGNAL = wp.constant(0.25)
 
 @wp.struct
 class LedModel:
-    """Pixel noise at full signal, reference range, absorption per metre, the signal below which a blob is lost."""
+    """Noise of pixels and hues (degrees) at full signal, reference range, absorption per metre.
+
+    A blob below ``detection_signal`` is lost; one in ``blob_dropout`` is lost anyway, and two closer than ``merge``
+    pixels are one. Of whole hats a frame misses ``dropout`` and shows ``outlier`` as reflections; ``false_lights`` is
+    the mean number of other lights in a frame. Blobs within ``hue_tolerance`` (degrees) of an LED's hue may be it, and
+    a pose takes ``min_leds``.
+    """
 
     noise_px: float
+    hue_noise: float
+    hue_tolerance: float
+    blob_dropout: float
+    merge: float
+    false_lights: float
     reference_range: float
     absorption: float
     detection_signal: float
@@ -37,7 +48,18 @@ def led_signal(model: LedModel, brightness: float, to_camera: wp.vec3, axis: wp.
 
 
 @wp.func
+def shot_noise(signal: float) -> float:
+    """Growth of a noise as the signal falls below 1."""
+    return wp.sqrt((1.0 + SHOT_SIGNAL / wp.min(signal, 1.0)) / (1.0 + SHOT_SIGNAL))
+
+
+@wp.func
 def pixel_noise(model: LedModel, signal: float) -> float:
     """Standard deviation of the blob's centroid in pixels: shot noise grows as the signal falls."""
-    s = wp.min(signal, 1.0)
-    return model.noise_px * wp.sqrt((1.0 + SHOT_SIGNAL / s) / (1.0 + SHOT_SIGNAL))
+    return model.noise_px * shot_noise(signal)
+
+
+@wp.func
+def hue_noise(model: LedModel, signal: float) -> float:
+    """Standard deviation of the blob's hue in degrees."""
+    return model.hue_noise * shot_noise(signal)

@@ -56,6 +56,7 @@ def cubic_root(b: wp.float64, c: wp.float64, d: wp.float64) -> wp.float64:
 
 @wp.func
 def row(m: wp.mat33d, i: int) -> wp.vec3d:
+    """Row i of a matrix."""
     return wp.vec3d(m[i, 0], m[i, 1], m[i, 2])
 
 
@@ -121,6 +122,67 @@ def polished(depths: wp.vec3d, square: wp.vec3d, cosine: wp.vec3d) -> wp.vec3d:
 
 
 @wp.func
+def all_ahead(d: wp.vec3d) -> bool:
+    """Whether all depths are positive."""
+    zero = wp.float64(0.0)
+    return d[0] > zero and d[1] > zero and d[2] > zero
+
+
+@wp.func
+def largest(m: wp.mat33d) -> wp.vec2i:
+    """Row and column of the entry that is largest in size."""
+    i = int(0)
+    j = int(0)
+    for r in range(3):
+        for c in range(3):
+            if wp.abs(m[r, c]) > wp.abs(m[i, j]):
+                i = r
+                j = c
+    return wp.vec2i(i, j)
+
+
+@wp.func
+def scaled(direction: wp.vec3d, square: wp.vec3d, cosine: wp.vec3d) -> wp.vec3d:
+    """Depths from their ratios; zero where they cannot all be positive."""
+    d = direction
+    if d[0] < wp.float64(0.0):
+        d = -d
+    two = wp.float64(2.0)
+    cross = cosine[0] * d[0] * d[1] + cosine[1] * d[0] * d[2] + cosine[2] * d[1] * d[2]
+    s = two * (wp.dot(d, d) - cross)
+    if not (all_ahead(d) and s > wp.float64(0.0)):
+        return wp.vec3d()
+    d = polished(d * wp.sqrt((square[0] + square[1] + square[2]) / s), square, cosine)
+    if all_ahead(d):
+        return d
+    return wp.vec3d()
+
+
+@wp.func
+def depths_on_plane(conic: wp.mat33d, normal: wp.vec3d, square: wp.vec3d, cosine: wp.vec3d) -> mat43d:
+    """Depths on a plane through the origin where a quadratic form vanishes: none, one or two rows."""
+    found = mat43d()
+    n = wp.normalize(normal)
+    e = wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0))
+    if wp.abs(n[0]) > wp.float64(0.6):
+        e = wp.vec3d(wp.float64(0.0), wp.float64(1.0), wp.float64(0.0))
+    g = wp.normalize(wp.cross(n, e))
+    h = wp.cross(n, g)
+    a = wp.dot(g, conic * g)
+    b = wp.dot(h, conic * g)
+    c = wp.dot(h, conic * h)
+    under = b * b - a * c
+    if not under >= wp.float64(0.0):
+        return found
+    q = -b - wp.sqrt(under)
+    if b < wp.float64(0.0):
+        q = -b + wp.sqrt(under)
+    found[0] = scaled(g * q + h * a, square, cosine)
+    found[1] = scaled(g * c + h * q, square, cosine)
+    return found
+
+
+@wp.func
 def p3p_depths(square: wp.vec3d, cosine: wp.vec3d) -> mat43d:
     """Depths of points 1, 2, 3 along their rays; rows of zeros where there are fewer than four solutions.
 
@@ -135,50 +197,19 @@ def p3p_depths(square: wp.vec3d, cosine: wp.vec3d) -> mat43d:
     D2 = wp.mat33d(one, zero, -cosine[1], zero, -b, b * cosine[2], -cosine[1], b * cosine[2], one - b)
     weight = degenerate(D1, D2)
     planes = plane_pair(D1 * weight[0] + D2 * weight[1])
-    conic = D1
-    if wp.abs(weight[0]) > wp.abs(weight[1]):
-        conic = D2
-    i = int(0)
-    j = int(0)
-    for r in range(3):
-        for c in range(3):
-            if wp.abs(planes[r, c]) > wp.abs(planes[i, j]):
-                i = r
-                j = c
-    if not planes[i, j] * planes[i, j] > zero:
+    conic = D2
+    if weight[0] * weight[0] <= weight[1] * weight[1]:
+        conic = D1
+    at = largest(planes)
+    if not planes[at[0], at[1]] * planes[at[0], at[1]] > zero:
         return found
-    for which in range(2):
-        n = wp.normalize(row(planes, i))
-        if which == 1:
-            n = wp.normalize(wp.vec3d(planes[0, j], planes[1, j], planes[2, j]))
-        e = wp.vec3d(one, zero, zero)
-        if wp.abs(n[0]) > wp.float64(0.6):
-            e = wp.vec3d(zero, one, zero)
-        g = wp.normalize(wp.cross(n, e))
-        h = wp.cross(n, g)
-        qg = conic * g
-        A = wp.dot(g, qg)
-        B = wp.dot(h, qg)
-        C = wp.dot(h, conic * h)
-        under = B * B - A * C
-        if under >= zero:
-            q = -B - wp.sqrt(under)
-            if B < zero:
-                q = -B + wp.sqrt(under)
-            for sign in range(2):
-                d = g * q + h * A
-                if sign == 1:
-                    d = g * C + h * q
-                if d[0] < zero:
-                    d = -d
-                if d[0] > zero and d[1] > zero and d[2] > zero:
-                    s = wp.dot(d, d) * wp.float64(2.0) - wp.float64(2.0) * (
-                        cosine[0] * d[0] * d[1] + cosine[1] * d[0] * d[2] + cosine[2] * d[1] * d[2]
-                    )
-                    if s > zero:
-                        d = polished(d * wp.sqrt((square[0] + square[1] + square[2]) / s), square, cosine)
-                        if d[0] > zero and d[1] > zero and d[2] > zero:
-                            found[2 * which + sign] = d
+    column = wp.vec3d(planes[0, at[1]], planes[1, at[1]], planes[2, at[1]])
+    one_side = depths_on_plane(conic, row(planes, at[0]), square, cosine)
+    other_side = depths_on_plane(conic, column, square, cosine)
+    for s in range(2):
+        for c in range(3):
+            found[s, c] = one_side[s, c]
+            found[2 + s, c] = other_side[s, c]
     return found
 
 

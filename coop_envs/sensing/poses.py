@@ -75,25 +75,6 @@ def information_of(rows: LedRows, weight: wp.float64) -> mat66d:
 
 
 @wp.func
-def led_information(focal: wp.vec2, arm: wp.vec3, position: wp.vec3, noise_px: float) -> mat66d:
-    """Information of an LED at ``arm + position`` in the camera; ``arm`` is R_camera_body times its body position."""
-    p = arm + position
-    z = wp.float64(p[2])
-    fx = wp.float64(focal[0]) / z
-    fy = wp.float64(focal[1]) / z
-    x = wp.float64(p[0]) / z
-    y = wp.float64(p[1]) / z
-    ax = wp.float64(arm[0])
-    ay = wp.float64(arm[1])
-    az = wp.float64(arm[2])
-    weight = wp.float64(1.0) / (wp.float64(noise_px) * wp.float64(noise_px))
-    zero = wp.float64(0.0)
-    u = vec6d(-fx * x * ay, fx * (az + x * ax), -fx * ay, fx, zero, -fx * x)
-    v = vec6d(-fy * (az + y * ay), fy * y * ax, fy * ax, zero, fy, -fy * y)
-    return wp.outer(u, u) * weight + wp.outer(v, v) * weight
-
-
-@wp.func
 def cholesky6(a: mat66d) -> mat66d:
     """Lower Cholesky factor; its [0, 0] is 0 where the matrix is not positive definite."""
     low = mat66d()

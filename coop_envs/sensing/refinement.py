@@ -1,4 +1,4 @@
-"""A hat's pose from the blobs assigned to its LEDs: damped Gauss-Newton on the reprojection error, robust to a few bad ones.
+"""A hat's pose from the blobs assigned to its LEDs: damped Gauss-Newton on the reprojection error, robust.
 
 Each pixel is weighed with its own noise; beyond the gate its pull no longer grows (Huber). After convergence each LED
 takes the blob next to where it should be, if that lies inside the gate, until nothing changes.
@@ -55,7 +55,7 @@ class Pose:
 
 @wp.struct
 class Workspace:
-    """Scratch of the solver: unit rays, pixel noise (px), owners of blobs; for each LED of a hat its candidate blobs."""
+    """Scratch of the solver: rays, noise (px) and owners of blobs; for each LED of a hat its candidate blobs."""
 
     ray: wp.array3d[wp.vec3d]
     sigma: wp.array3d[wp.float64]
@@ -75,11 +75,6 @@ class Fit:
 
 
 @wp.func
-def pixel_of(features: Features, b: int, i: int, blob: int) -> wp.vec2d:
-    return wp.vec2d(features.pixel[b, i, blob])
-
-
-@wp.func
 def linearised(
     camera: CameraModel, features: Features, hats: Hats, work: Workspace, b: int, i: int, j: int,
     rotation: wp.mat33d, position: wp.vec3d, blob: vec8i,
@@ -95,7 +90,7 @@ def linearised(
             rows = led_rows(camera, arm, position)
             sigma = work.sigma[b, i, blob[k]]
             weight = wp.float64(1.0) / (sigma * sigma)
-            e = pixel_of(features, b, i, blob[k]) - rows.uv
+            e = wp.vec2d(features.pixel[b, i, blob[k]]) - rows.uv
             chi2 = wp.dot(e, e) * weight
             cost = wp.float64(0.5) * chi2
             if chi2 > GATE:
@@ -127,7 +122,7 @@ def assigned(
             nearest = GATE
             for c in range(work.candidates[b, i, k]):
                 which = work.candidate[b, i, k, c]
-                e = pixel_of(features, b, i, which) - rows.uv
+                e = wp.vec2d(features.pixel[b, i, which]) - rows.uv
                 sigma = work.sigma[b, i, which]
                 chi2 = wp.dot(e, e) / (sigma * sigma)
                 if chi2 < nearest:
@@ -146,10 +141,11 @@ def assigned(
 
 @wp.func
 def same_blobs(a: vec8i, b: vec8i) -> bool:
+    """Whether two assignments are the same."""
+    same = bool(True)
     for k in range(8):
-        if a[k] != b[k]:
-            return False
-    return True
+        same = same and a[k] == b[k]
+    return same
 
 
 @wp.func

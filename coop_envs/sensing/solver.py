@@ -1,7 +1,7 @@
-"""From blobs of light to poses of hats: every hat in every camera's frame gets a pose with covariance, or a reason why not.
+"""From blobs of light to poses of hats: each hat in each camera's frame gets a pose with covariance, or a reason.
 
-Hats share hues, so one hat's blobs may look like another's. The hat that is explained best takes its blobs; the others
-are then solved without them.
+Hats share hues, so one hat's blobs may look like another's. The hat that is explained best takes its blobs, one whose
+LEDs are all explained at once; the others are then solved without them.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def look_for(
         return TOO_FEW_LEDS
     search = search_hat(camera, features, hats, work, model, b, i, j, effort, found)
     work.pose[b, i, j] = search.best
-    if search.checks >= model.max_checks:
+    if search.checks >= model.max_checks and search.best.inliers < hats.leds[j]:
         return CROWDED
     if search.best.inliers > 0:
         close = search.best.score - search.second.score < wp.float64(model.ambiguity)
@@ -128,14 +128,52 @@ def report(
 
 
 @wp.func
+def settle(
+    camera: CameraModel, features: Features, hats: Hats, work: Workspace, out: Measurements, answer: wp.array3d[int],
+    b: int, i: int, j: int, robots: int,
+):  # fmt: skip
+    """Hat j is where it was found, or in one of two places; its blobs are explained."""
+    if answer[b, i, j] == POSE_FOUND:
+        answer[b, i, j] = report(camera, features, hats, work, out, b, i, j, work.pose[b, i, j])
+    else:
+        answer[b, i, j] = AMBIGUOUS
+    claim(work, answer, b, i, j, robots)
+
+
+@wp.func
 def best_found(work: Workspace, answer: wp.array3d[int], b: int, i: int, robots: int) -> int:
     """The hat whose pose explains its blobs best, of those not yet settled; -1 if there is none."""
     best = int(-1)
+    score = wp.float64(-1.0)
     for j in range(robots):
-        if answer[b, i, j] == POSE_FOUND or answer[b, i, j] == DOUBLE_FOUND:
-            if best < 0 or work.pose[b, i, j].score > work.pose[b, i, best].score:
-                best = j
+        found = answer[b, i, j] == POSE_FOUND or answer[b, i, j] == DOUBLE_FOUND
+        if found and work.pose[b, i, j].score > score:
+            best = j
+            score = work.pose[b, i, j].score
     return best
+
+
+@wp.func
+def reopen(answer: wp.array3d[int], b: int, i: int, robots: int):
+    """Hats for which all tried triples failed may still have others."""
+    for j in range(robots):
+        a = answer[b, i, j]
+        if a >= INCONSISTENT and a != AMBIGUOUS and a != CROWDED:
+            answer[b, i, j] = OPEN
+
+
+@wp.func
+def search_open(
+    camera: CameraModel, features: Features, hats: Hats, work: Workspace, model: SolverModel, out: Measurements,
+    answer: wp.array3d[int], b: int, i: int, effort: int,
+):  # fmt: skip
+    """Search for every hat whose search is open; one whose LEDs are all explained is settled at once."""
+    robots = hats.leds.shape[0]
+    for j in range(robots):
+        if answer[b, i, j] == OPEN:
+            answer[b, i, j] = look_for(camera, features, hats, work, model, b, i, j, effort)
+            if answer[b, i, j] == POSE_FOUND and work.pose[b, i, j].inliers >= hats.leds[j]:
+                settle(camera, features, hats, work, out, answer, b, i, j, robots)
 
 
 @wp.kernel
@@ -163,34 +201,24 @@ def solve_poses(
         return
     prepare(camera, features, work, leds, b, i)
     for effort in range(2):
-        for j in range(robots):
-            if answer[b, i, j] >= INCONSISTENT and answer[b, i, j] != AMBIGUOUS and answer[b, i, j] != CROWDED:
-                answer[b, i, j] = OPEN
+        reopen(answer, b, i, robots)
         best = int(0)
         while best >= 0:
-            for j in range(robots):
-                if answer[b, i, j] == OPEN:
-                    answer[b, i, j] = look_for(camera, features, hats, work, model, b, i, j, effort)
+            search_open(camera, features, hats, work, model, out, answer, b, i, effort)
             best = best_found(work, answer, b, i, robots)
             if best >= 0:
-                double = answer[b, i, best] == DOUBLE_FOUND
-                answer[b, i, best] = AMBIGUOUS
-                if not double:
-                    pose = work.pose[b, i, best]
-                    answer[b, i, best] = report(camera, features, hats, work, out, b, i, best, pose)
-                claim(work, answer, b, i, best, robots)
+                settle(camera, features, hats, work, out, answer, b, i, best, robots)
 
 
 def solver_model(
-    min_leds: int,
-    hue_tolerance_deg: float,
+    leds: LedModel,
     tolerance_px: float = 5.0,
     upright: float = 0.35,
     ambiguity: float = 4.0,
-    max_checks: int = 2000,
+    max_checks: int = 4000,
 ) -> SolverModel:
     """Tolerances of the solver; back-projection tolerance as the authors set it (5 px)."""
     model: Any = SolverModel()
-    model.hue_tolerance, model.tolerance_px, model.min_leds = hue_tolerance_deg, tolerance_px, min_leds
+    model.hue_tolerance, model.tolerance_px, model.min_leds = leds.hue_tolerance, tolerance_px, leds.min_leds
     model.upright, model.ambiguity, model.max_checks = upright, ambiguity, max_checks
     return model

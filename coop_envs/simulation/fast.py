@@ -13,10 +13,14 @@ from coop_envs.agents.command import allocate_command
 from coop_envs.agents.raster import laser_models
 from coop_envs.agents.team import Team
 from coop_envs.geometry.arrays import allocate
+from coop_envs.sensing.features import allocate_features
 from coop_envs.sensing.leds import LedModel
 from coop_envs.sensing.measurements import allocate_measurements
+from coop_envs.sensing.solver import allocate_workspace, solve_poses, solver_model
 from coop_envs.sensing.spots import SpotModel
+from coop_envs.simulation.calibration import CalibrationError
 from coop_envs.simulation.dynamics import Ground
+from coop_envs.simulation.imaging import FALSE_LIGHTS, allocate_labels, image_leds
 from coop_envs.simulation.parameters import pack_hazards, pack_robots, pack_terrain
 from coop_envs.simulation.reset import Starts, place_teams, serve_dock
 from coop_envs.simulation.scan import shine
@@ -47,10 +51,12 @@ class FastPhysics:
         teams: int,
         device: str,
         placement: Placement,
+        fidelity: str = "poses",
+        calibration: CalibrationError | None = None,
     ) -> None:
         n = len(team.members)
         self.device, self.teams = device, teams
-        self.robots, self.cameras, leds = pack_robots(team, device)
+        self.robots, self.cameras, self.hats = pack_robots(team, device)
         self.ground = Ground()
         self.ground.terrain, self.meshes = pack_terrain(worlds, device)
         self.ground.hazards = pack_hazards(worlds, device)
@@ -68,12 +74,29 @@ class FastPhysics:
         self._advance = self._record(
             advance, teams, [*shared, self.measurements, self.robots, self.lasers, self.ground, clock, self.running]
         )
-        sight = [*shared, self.measurements, self.robots, self.cameras, leds, led_model, self.ground, self.running]
-        self._see = self._record(see, (teams, n), sight)
-
-        lit = [*shared, self.measurements, self.robots, self.lasers, self.cameras, led_model, spot_model]
+        self.calibration = CalibrationError() if calibration is None else calibration
+        self.sight = self._record_sight(led_model, fidelity)
+        believed = [self.robots, self.lasers, self.cameras]
+        lit = [*shared, self.measurements, *believed, self.calibration, led_model, spot_model]
         scanning = any(member.laser is not None for member in team.members)
         self._shine = [self._record(shine, (teams, clock.ticks), [*lit, self.ground, self.running])] * scanning
+
+    def _record_sight(self, leds: LedModel, fidelity: str) -> list[wp.Launch]:
+        """Frames of LED blobs in ``features``; then the poses that rung ``fidelity`` makes of them, in ``answer``."""
+        teams, n = self.state.position.shape
+        size = (teams, n, sum(int(k) for k in self.hats.leds.numpy()) + FALSE_LIGHTS)
+        self.features, self.labels = allocate_features(*size, self.device), allocate_labels(*size, self.device)
+        self.answer = wp.zeros((teams, n, n), dtype=int, device=self.device)
+        blobs, where = [self.features, self.labels], [self.hats, self.cameras, leds]
+        frames = [self.state, self.command, *blobs, self.robots, *where, self.calibration, self.ground, self.running]
+        told = [self.measurements, self.answer, self.running]
+        if fidelity == "features":
+            known = [self.cameras, self.hats, self.command.brightness, self.measurements.docked]
+            kernel = solve_poses
+            inputs = [self.features, *known, leds, solver_model(leds), allocate_workspace(*size, self.device), *told]
+        else:
+            kernel, inputs = see, [self.state, *blobs, *where, *told]
+        return [self._record(image_leds, (teams, n), frames), self._record(kernel, (teams, n), inputs)]
 
     def _record(self, kernel: wp.Kernel, dim: int | tuple[int, int], inputs: list[object]) -> wp.Launch:
         return wp.launch(kernel, dim, inputs=inputs, device=self.device, record_cmd=True)
@@ -88,7 +111,8 @@ class FastPhysics:
         """Carry out ``command`` for one decision and fill ``measurements``."""
         self._serve_dock.launch()
         self._advance.launch()
-        self._see.launch()
+        for launch in self.sight:
+            launch.launch()
         for launch in self._shine:
             launch.launch()
 

@@ -13,9 +13,9 @@ from coop_envs.agents.specification import Hat
 from coop_envs.agents.team import Member, Team
 from coop_envs.geometry.terrain import NO_GROUND_M, Terrain
 from coop_envs.sensing.camera import CameraModel, camera_model
+from coop_envs.sensing.hats import Hats, pack_hats
 from coop_envs.worlds.world import World
 
-MAX_LEDS = 8
 SHORTEST_REACH_M = 0.01
 TRAP, HOLE, SLIPPERY = wp.constant(0), wp.constant(1), wp.constant(2)
 HAZARD_KINDS = {"trap": 0, "hole": 1, "slippery": 2}
@@ -120,15 +120,11 @@ def robot_model(member: Member) -> RobotModel:
     return model
 
 
-def pack_robots(team: Team, device: str) -> tuple[wp.array, wp.array, wp.array]:
-    """Robot models (N,), camera models (N,), LED positions in the body (N, MAX_LEDS)."""
+def pack_robots(team: Team, device: str) -> tuple[wp.array, wp.array, Hats]:
+    """Robot models (N,), camera models (N,) and hats of a team."""
     robots = wp.array([robot_model(m) for m in team.members], dtype=RobotModel, device=device)
     cameras = wp.array([camera_model(m.camera) for m in team.members], dtype=CameraModel, device=device)
-    leds = np.zeros((len(team.members), MAX_LEDS, 3), dtype=np.float32)
-    for i, member in enumerate(team.members):
-        if member.hat is not None:
-            leds[i, : len(member.hat.leds)] = [led.position_m for led in member.hat.leds]
-    return robots, cameras, wp.array(leds, dtype=wp.vec3, device=device)
+    return robots, cameras, pack_hats([m.hat.leds if m.hat else () for m in team.members], device)
 
 
 def pack_terrain(worlds: Sequence[World], device: str) -> tuple[Terrain, list[wp.Mesh]]:

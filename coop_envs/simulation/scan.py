@@ -15,6 +15,7 @@ from coop_envs.sensing.camera import CameraModel, in_view, project
 from coop_envs.sensing.leds import LedModel
 from coop_envs.sensing.measurements import Measurements
 from coop_envs.sensing.spots import GRAZING, SpotModel, spot_noise, spot_signal
+from coop_envs.simulation.calibration import CalibrationError, true_camera
 from coop_envs.simulation.dynamics import Ground
 from coop_envs.simulation.parameters import RobotModel
 from coop_envs.simulation.state import State
@@ -99,7 +100,8 @@ def show(
 @wp.kernel
 def shine(
     state: State, command: Command, out: Measurements, robots: wp.array[RobotModel], lasers: wp.array[LaserModel],
-    cameras: wp.array[CameraModel], leds: LedModel, spots: SpotModel, ground: Ground, running: wp.array[int],
+    cameras: wp.array[CameraModel], error: CalibrationError, leds: LedModel, spots: SpotModel, ground: Ground,
+    running: wp.array[int],
 ):  # fmt: skip
     """Frames of all cameras at the ends of a decision's ticks; one thread a team and tick.
 
@@ -116,4 +118,5 @@ def shine(
     for i in range(robots.shape[0]):
         out.spot_sigma[b, i, t] = 0.0
         if cameras[i].fitted == 1 and powered(state, b, i):
-            show(state, out, robots, cameras[i], leds, spots, ground, spot, b, i, t)
+            camera = true_camera(cameras[i], error, state.key[b], i)
+            show(state, out, robots, camera, leds, spots, ground, spot, b, i, t)

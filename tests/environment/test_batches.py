@@ -31,10 +31,12 @@ print(digest.hexdigest())
 """
 
 
-@pytest.mark.parametrize(("scenario", "team"), [("random_arena", "inchworm"), ("arena", "scouts")])
-def test_a_team_in_a_batch_does_what_it_does_alone(scenario: str, team: str) -> None:
+@pytest.mark.parametrize(
+    ("scenario", "team", "fidelity"), [("random_arena", "inchworm", "poses"), ("arena", "scouts", "features")]
+)
+def test_a_team_in_a_batch_does_what_it_does_alone(scenario: str, team: str, fidelity: str) -> None:
     """Bit for bit, through ends and restarts."""
-    teams, limit = 4, {"task.time_limit_s": 8.0, "num_worlds": 3}
+    teams, limit = 4, {"task.time_limit_s": 8.0, "num_worlds": 3, "fidelity": fidelity}
     batch = exploration_v0.vector_env(teams, scenario, team=team, **limit)
     alone = [exploration_v0.parallel_env(scenario, team=team, **limit) for _ in range(teams)]
     together, _ = batch.reset(seed=30)

@@ -38,7 +38,7 @@ def plans(seed: int, teams: int, robots: int, decisions: int) -> np.ndarray:
 @pytest.mark.parametrize(("scenario", "decisions"), [("arena", 700), ("random_arena", 500)])
 def test_a_batch_equals_its_teams_alone_over_long_and_lossy_episodes(scenario, decisions):
     teams = 8
-    settings: dict[str, Any] = {"num_worlds": 5, "task": {"time_limit_s": 60.0}}
+    settings: dict[str, Any] = {"num_worlds": 5, "task": {"time_limit_s": 60.0}, "fidelity": "features"}
     batch = exploration_v0.vector_env(teams, scenario, **settings)
     alone = [exploration_v0.parallel_env(scenario, **settings) for _ in range(teams)]
     robots = len(alone[0].possible_agents)
@@ -124,7 +124,8 @@ def test_docked_robots_are_observed_alike_in_a_first_and_in_a_later_episode():
 
 
 def test_the_team_under_one_controller_plays_the_same_game():
-    team, parallel = exploration_v0.team_env("arena", **RISKY), exploration_v0.parallel_env("arena", **RISKY)
+    settings: dict[str, Any] = {**RISKY, "fidelity": "poses"}
+    team, parallel = exploration_v0.team_env("arena", **settings), exploration_v0.parallel_env("arena", **settings)
     one, _ = team.reset(seed=3)
     many, _ = parallel.reset(seed=3)
     for actions in plans(4, 1, len(parallel.possible_agents), 100):

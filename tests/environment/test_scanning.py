@@ -72,3 +72,13 @@ def test_scanning_costs_what_the_power_model_says():
         moved += np.abs(team.batch.command.galvo.numpy()[0]).max(axis=2).sum(axis=1)
     spent = team.batch.state.energy.numpy()[0, :, 3] - before
     np.testing.assert_allclose(spent, 0.05 * lit / 30 + 0.5 * 0.01 * moved, rtol=0.02)
+
+
+def test_badly_calibrated_cameras_cost_what_the_covariance_says():
+    """Focal lengths off by 1 % and centres by 2 px, known as such: points err more, and their covariance knows."""
+    off = {"sensing": {**QUIET["sensing"], "calibration": {"focal_share": 0.01, "centre_px": 2.0}}}
+    known = {"estimation": {"focal_sigma": 0.01, "centre_sigma_px": 2.0}}
+    teams = [Surveyors("corner", teams=60, seed=7, **{**QUIET, **off, **extra}) for extra in ({}, known)]
+    unaware, aware = (np.mean([s.normalised.mean() for s in t.scan(40) if len(s.points) > 20]) for t in teams)
+    assert unaware > 1.5
+    assert 0.6 < aware < 1.3

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from coop_envs.agents.catalog import load_camera
 from coop_envs.agents.specification import Camera
 from coop_envs.sensing.camera import body_from_camera, camera_model
 from tests.geometry.kernels import on_device
-from tests.sensing.kernels import pixels, views
+from tests.sensing.kernels import bearings, exact_bearings, pixels, views
 
 CAMERAS = {name: load_camera(name) for name in ("lifecam", "ch6")}
 
@@ -68,6 +70,38 @@ def test_nothing_far_off_the_axis_is_in_view(name):
     ideal, size = opencv_pixels(camera, point, distorted=False), np.array([camera.width_px, camera.height_px])
     far = np.any((ideal < -50) | (ideal > size + 50), axis=1)
     assert not np.any(on_device(views, camera_model(camera), point[far]))
+
+
+def image_grid(camera: Camera, count=41):
+    """Pixels (count^2, 2) from corner to corner."""
+    u, v = np.meshgrid(np.linspace(0, camera.width_px - 1, count), np.linspace(0, camera.height_px - 1, count))
+    return np.column_stack([u.ravel(), v.ravel()])
+
+
+WARPED = replace(CAMERAS["ch6"], distortion=(-0.28, 0.09, 0.001, -0.002, -0.01))
+
+
+@pytest.mark.parametrize("camera", [*CAMERAS.values(), WARPED], ids=[*CAMERAS, "warped"])
+def test_bearings_are_the_rays_behind_the_pixels(camera):
+    uv = image_grid(camera)
+    found = on_device(exact_bearings, camera_model(camera), uv)
+    np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1.0, atol=1e-12)
+    stored = replace(camera, **{n: float(np.float32(getattr(camera, n))) for n in ("fx_px", "fy_px", "cx_px", "cy_px")})
+    stored = replace(stored, distortion=tuple(float(np.float32(k)) for k in camera.distortion))
+    assert np.abs(opencv_pixels(stored, found) - uv).max() < 1e-6
+    criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 200, 1e-12)
+    K, distortion = matrix(stored), np.array(stored.distortion)
+    theirs = cv2.undistortPoints(uv[:, None], K, distortion, criteria=criteria).reshape(-1, 2)
+    np.testing.assert_allclose(found[:, :2] / found[:, 2:], theirs, atol=1e-8)
+    single = on_device(bearings, camera_model(camera), uv)
+    np.testing.assert_allclose(single, found, atol=2e-7)
+
+
+def test_beyond_the_fold_there_is_no_bearing():
+    folded = replace(CAMERAS["ch6"], distortion=(-0.8, 0.0, 0.0, 0.0, 0.0))
+    uv = np.array([[319.5, 239.5], [639.0, 479.0], [1e6, 0.0], [np.nan, 0.0]])
+    found = on_device(bearings, camera_model(folded), uv)
+    np.testing.assert_array_equal(found, [[0, 0, 1], [0, 0, 0], [0, 0, 0], [0, 0, 0]])
 
 
 @settings(deadline=None)

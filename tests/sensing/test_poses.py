@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -7,11 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from coop_envs.agents.catalog import load_camera
+from coop_envs.sensing.camera import camera_model
 from tests.geometry.kernels import on_device
-from tests.sensing.kernels import factors, informations, inverses
+from tests.sensing.kernels import factors, informations, inverses, solutions
+from tests.sensing.scenes import matrix
 
-FOCAL = np.array([680.25, 676.16])
-K = np.array([[FOCAL[0], 0.0, 338.77], [0.0, FOCAL[1], 256.75], [0.0, 0.0, 1.0]])
+CAMERA = replace(load_camera("lifecam"), distortion=(-0.25, 0.08, 0.003, -0.002, -0.01))
 
 
 def random_poses(count):
@@ -22,7 +26,8 @@ def random_poses(count):
 
 
 def pixel(R, led, position):
-    return cv2.projectPoints(led[None], cv2.Rodrigues(R)[0], position, K, None)[0].ravel()
+    distortion = np.array(CAMERA.distortion)
+    return cv2.projectPoints(led[None], cv2.Rodrigues(R)[0], position, matrix(CAMERA), distortion)[0].ravel()
 
 
 def numeric_jacobian(R, led, position, h=1e-5):
@@ -37,9 +42,9 @@ def numeric_jacobian(R, led, position, h=1e-5):
 
 def test_information_is_that_of_opencvs_projection():
     rotations, leds, positions = random_poses(50)
-    noise = np.linspace(0.2, 2.0, 50).astype(np.float32)
+    noise = np.linspace(0.2, 2.0, 50)
     arms = np.einsum("nij,nj->ni", rotations, leds)
-    found = on_device(informations, FOCAL, arms, positions, noise)
+    found = on_device(informations, camera_model(CAMERA), arms, positions, noise)
     for R, led, position, sigma, information in zip(rotations, leds, positions, noise, found, strict=True):
         J = numeric_jacobian(R, led, position)
         np.testing.assert_allclose(information, J.T @ J / sigma**2, rtol=1e-4, atol=1e-4 * np.abs(information).max())
@@ -56,6 +61,8 @@ def test_factor_and_inverse_equal_numpys(seed):
     a = positive_definite(seed)
     np.testing.assert_allclose(on_device(factors, a[None])[0], np.linalg.cholesky(a), atol=1e-11)
     np.testing.assert_allclose(on_device(inverses, a[None])[0], np.linalg.inv(a), rtol=1e-8, atol=1e-9)
+    right = np.random.default_rng(seed).normal(size=6)
+    np.testing.assert_allclose(on_device(solutions, a[None], right[None])[0], np.linalg.solve(a, right), rtol=1e-8)
 
 
 @pytest.mark.parametrize("broken", [np.zeros((6, 6)), -np.eye(6), np.diag([1.0, 1.0, 1.0, 1.0, 1.0, 0.0])])
@@ -67,5 +74,5 @@ def test_what_few_leds_say_has_no_inverse():
     rotations, leds, positions = random_poses(2)
     for rows in (1, 2):
         arms = (rotations[:rows] @ leds[:rows, :, None])[..., 0]
-        total = on_device(informations, FOCAL, arms, positions[:rows], np.ones(rows, dtype=np.float32)).sum(axis=0)
+        total = on_device(informations, camera_model(CAMERA), arms, positions[:rows], np.ones(rows)).sum(axis=0)
         assert np.linalg.matrix_rank(total) == 2 * rows

@@ -15,6 +15,7 @@ from coop_envs.device import prepare
 from coop_envs.geometry.keyed_random import team_key
 from coop_envs.sensing.leds import LedModel
 from coop_envs.sensing.spots import SpotModel
+from coop_envs.simulation.calibration import CalibrationError
 from coop_envs.simulation.fast import FastPhysics, Placement
 from coop_envs.simulation.state import Status
 from coop_envs.simulation.step import Clock
@@ -78,6 +79,7 @@ def led_model(**changes) -> LedModel:
     """LEDs as in the scenarios, without dropouts and outliers."""
     model = LedModel()
     model.noise_px, model.reference_range, model.detection_signal, model.min_leds = 0.5, 1.0, 0.05, 4
+    model.hue_tolerance = 29.0
     for name, value in changes.items():
         setattr(model, name, value)
     return model
@@ -109,11 +111,14 @@ def physics_of(
     leds: LedModel | None = None,
     spots: SpotModel | None = None,
     placement: Placement = EXACT,
+    fidelity: str = "poses",
+    calibration: CalibrationError | None = None,
 ) -> FastPhysics:
     """The physics of ``teams`` teams, set down at their starts; team b has seed ``seed + b``."""
     worlds = worlds or (world_of(),)
     models = leds or led_model(), spots or spot_model()
-    physics = FastPhysics(team, worlds, clock or clock_of(), *models, teams, prepare("cpu"), placement)
+    rest = prepare("cpu"), placement, fidelity, calibration
+    physics = FastPhysics(team, worlds, clock or clock_of(), *models, teams, *rest)
     keys = np.array([team_key(seed + b, 0) for b in range(teams)], dtype=np.uint64)
     where = np.zeros(teams, dtype=np.int32) if chosen_worlds is None else np.array(chosen_worlds, dtype=np.int32)
     physics.reset(np.ones(teams, dtype=np.int32), keys, where)
