@@ -52,7 +52,7 @@ class Estimation:
     start_ground_m: float = 0.10
     focal_sigma: float = 0.0
     centre_sigma_px: float = 0.0
-    point_sigma_m: float = 0.05
+    point_sigma_m: float = 0.08
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

@@ -10,7 +10,7 @@ import warp as wp
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
-THROUGH, BESIDE, HIT = wp.constant(-24), wp.constant(-8), wp.constant(48)
+THROUGH, BESIDE, HIT = wp.constant(-24), wp.constant(-8), wp.constant(20)
 UNDER = wp.constant(0.1)  # of a cell: how far under a cell's middle a ray has to pass to prove it
 SHORT = wp.constant(1.5)  # a ray shorter than this tells nothing
 

@@ -140,7 +140,7 @@ def test_one_low_step_is_driven_over_where_ground_may_rise():
     for step, verdict in ((0, 1), (1, 0)):
         room = Room(step)
         fan(room, wall_x=None)
-        for _ in range(3):
+        for _ in range(10):
             room.ray((-0.3, 0.0, 0.1), (0.71, 0.0, 0.0), hit=True)  # level 1: a ledge 5 cm high
         assert (room.obstacle[column(0.71, 0.0)] > 0) == bool(verdict)
 
