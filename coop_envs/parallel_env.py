@@ -20,9 +20,10 @@ from coop_envs.metrics import episode_metrics
 from coop_envs.observations import by_agent, describe, observation_arrays, observation_space
 from coop_envs.policy import TeamDescription
 from coop_envs.recording.frame import Frame, WorldPicture
+from coop_envs.recording.scan import Scan
 from coop_envs.scenario import Scenario
 from coop_envs.scoring import TERMS
-from coop_envs.snapshot import team_frame, world_picture
+from coop_envs.snapshot import team_frame, team_scan, world_picture
 from coop_envs.world_pool import default_num_worlds, open_pool, world_index
 from coop_envs.worlds.build import SPLITS, Split
 
@@ -137,7 +138,7 @@ class ExplorationParallelEnv(ParallelEnv[str, Observation, NDArray[np.float32]])
         self._actions[:, 0] = 1.0
         self.batch.step()
         self.agents = list(self.possible_agents)
-        self._past = [self.frame()] if self.render_mode is not None else []
+        self._past = [self.frame().without_maps()] if self.render_mode is not None else []
         return self._observe(self.agents), {name: {} for name in self.agents}
 
     def _link(self, batch: TeamBatch) -> None:
@@ -178,22 +179,26 @@ class ExplorationParallelEnv(ParallelEnv[str, Observation, NDArray[np.float32]])
         truncations = {name: bool(truncated[self._place[name]]) for name in acting}
         self.agents = [name for name in acting if not terminations[name] and not truncations[name]]
         if self.render_mode is not None:
-            self._past.append(self.frame())
+            self._past.append(self.frame().without_maps())
         infos: dict[str, dict[str, Any]] = {name: {"reward_terms": terms} for name in acting}
         return observations, dict.fromkeys(acting, reward), terminations, truncations, infos
 
-    def frame(self) -> Frame:
-        """Truth and belief now, for viewers and logs."""
-        return team_frame(self.batch, 0)
+    def frame(self, volume: bool = False) -> Frame:
+        """Truth and belief now, for viewers and logs, with the map of the volume if asked."""
+        return team_frame(self.batch, 0, volume)
 
     def world_picture(self) -> WorldPicture:
         """What is drawn of the present world."""
         assert self.batch and self._picture is not None
         return self._picture
 
-    def metrics(self) -> dict[str, Any]:
+    def scan(self) -> Scan:
+        """The points measured in the last decision, for viewers and logs."""
+        return team_scan(self.batch, 0)
+
+    def metrics(self, points_m: NDArray[np.float64] | None = None) -> dict[str, Any]:
         """The episode so far in numbers; see `metrics.episode_metrics`."""
-        return episode_metrics(self.batch, 0)
+        return episode_metrics(self.batch, 0, points_m)
 
     def render(self) -> NDArray[np.uint8] | None:
         """The top view (height, width, 3), truth and belief together."""

@@ -9,9 +9,15 @@ from numpy.typing import NDArray
 
 from coop_envs.agents.specification import Camera
 from coop_envs.batch import TeamBatch
-from coop_envs.mapping.ground_map import GROUND, LOG_ODDS_SCALE, OBSTACLE
+from coop_envs.mapping.ground_map import LOG_ODDS_SCALE
 from coop_envs.recording.frame import Frame, WorldPicture
+from coop_envs.recording.scan import NO_SCAN, Scan
+from coop_envs.sensing.triangulation import OK
 from coop_envs.worlds.world import World
+
+CHANCES = np.rint(255.0 / (1.0 + np.exp(-np.arange(256, dtype=np.uint8).view(np.int8) / LOG_ODDS_SCALE)))
+CHANCE_BYTES = CHANCES.astype(np.uint8).tobytes()
+"""255 P of each byte that a log-odds in sixteenths may be."""
 
 
 def world_picture(world: World) -> WorldPicture:
@@ -28,17 +34,23 @@ def world_picture(world: World) -> WorldPicture:
     )
 
 
-def team_frame(batch: TeamBatch, b: int) -> Frame:
-    """Truth and belief of team b now, in the world frame."""
+def team_frame(batch: TeamBatch, b: int, volume: bool = False) -> Frame:
+    """Truth and belief of team b now, in the world frame, with the points of its last decision.
+
+    ``volume``: with the map of the volume, which takes longest.
+    """
     members = batch.scenario.team.members
     n = len(members)
-    x, y, _, yaw = (float(v) for v in batch.state.frame.numpy()[b])
+    x, y, z, yaw = (float(v) for v in batch.state.frame.numpy()[b])
     R = batch.belief.rotation.numpy()[b]
     believed = batch.belief.position.numpy()[b, :, :2]
-    turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+    turn = _turn(yaw)[:2, :2]
     covariance = batch.belief.pose_covariance.numpy()[b, :, 3:5, 3:5]
     corner = turn @ batch.map.corner.numpy()[b].astype(float) + (x, y)
-    score = batch.score
+    score, model = batch.score, batch.map_model
+    scan = team_scan(batch, b)
+    ground, obstacle = _chances(batch.map.log_odds.numpy()[b], batch)
+    levels = batch.map.volume.numpy()[b].T if volume else np.empty((0, 0), dtype=np.int8)
     return Frame(
         time_s=float(batch.state.tick.numpy()[b]) * batch.scenario.rates.tick_s,
         names=tuple(member.name for member in members),
@@ -54,14 +66,37 @@ def team_frame(batch: TeamBatch, b: int) -> Frame:
         range_m=np.array([member.camera.max_range_m if member.camera else 0.0 for member in members]),
         body_radius_m=np.array([member.robot.body_radius_m for member in members]),
         sees=batch.measurements.seen.numpy()[b].reshape(n, n) == 1,
-        map_ground=_percentages(batch, b, int(GROUND)),
-        map_obstacle=_percentages(batch, b, int(OBSTACLE)),
+        scanning=batch.command.scan_progress.numpy()[b] > 0.0,
+        points_m=scan.points_m,
+        point_sigma_m=scan.point_sigma_m,
+        point_robots=scan.point_robots,
+        map_ground=ground,
+        map_obstacle=obstacle,
+        map_volume=_chances(levels, batch),
         T_world_map=np.array([corner[0], corner[1], yaw]),
-        cell_m=batch.map_model.cell,
+        cell_m=model.cell,
+        volume_floor_m=z + model.floor,
         energy_j=float(score.energy.numpy()[b]),
         action_energy_j=float(score.action_energy.numpy()[b]),
         information_bits=float(score.information.numpy()[b]) * 1e-6,
         coverage=float(score.mapped.numpy()[b]) / max(int(score.reachable.numpy()[b]), 1),
+    )
+
+
+def team_scan(batch: TeamBatch, b: int) -> Scan:
+    """The points that team b measured in its last decision."""
+    points = batch.loop.points
+    if points.count.numpy()[b] == 0:
+        return NO_SCAN
+    found = points.answer.numpy()[b] == int(OK)
+    x, y, z, yaw = (float(v) for v in batch.state.frame.numpy()[b])
+    variance = np.trace(points.covariance.numpy()[b, found].astype(float), axis1=1, axis2=2)
+    lit = batch.command.laser.numpy()[b][:, found] > 0.0
+    laser = np.where(lit.any(axis=0), lit.argmax(axis=0), -1)
+    return Scan(
+        points_m=points.position.numpy()[b, found].astype(float) @ _turn(yaw).T + (x, y, z),
+        point_sigma_m=np.sqrt(variance),
+        point_robots=np.column_stack([laser, points.cameras.numpy()[b, found]]).astype(np.int16),
     )
 
 
@@ -70,7 +105,13 @@ def horizontal_fov_rad(camera: Camera | None) -> float:
     return 2.0 * math.atan(0.5 * camera.width_px / camera.fx_px) if camera else 0.0
 
 
-def _percentages(batch: TeamBatch, b: int, layer: int) -> NDArray[np.uint8]:
-    log_odds = batch.map.log_odds.numpy()[b, layer].astype(float)
-    p = 1.0 / (1.0 + np.exp(-log_odds / LOG_ODDS_SCALE))
-    return np.rint(255.0 * p).astype(np.uint8).reshape(batch.map_model.nx, batch.map_model.ny)
+def _turn(yaw: float) -> NDArray[np.float64]:
+    c, s = math.cos(yaw), math.sin(yaw)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _chances(log_odds: NDArray[np.int8], batch: TeamBatch) -> NDArray[np.uint8]:
+    """255 P of layers (k, C) of the map, as (k, nx, ny); of a map without cells (0, nx, ny)."""
+    cells = batch.map_model.nx, batch.map_model.ny
+    chances = np.frombuffer(log_odds.tobytes().translate(CHANCE_BYTES), dtype=np.uint8)
+    return chances.reshape(log_odds.size // (cells[0] * cells[1]), *cells)

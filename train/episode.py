@@ -8,19 +8,21 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coop_envs.policy import Observations, Policy, load_policy
-from coop_envs.recording import EpisodeWriter, Frame, LogMetadata, WorldPicture
+from coop_envs.recording import EpisodeWriter, Frame, LogMetadata, Scan, WorldPicture
 from coop_envs.recording.frame import TRAPPED
 from coop_envs.viewer.canvas import Picture
 from coop_envs.viewer.robots import Trail
 from coop_envs.viewer.topview import draw
+from coop_envs.viewer.window import episode_window
 from train.results import Row, plain
 
 SAMPLE_PERIOD_S = 1.0
@@ -63,7 +65,7 @@ class EpisodeJob:
     @property
     def name(self) -> str:
         """What the episode's files are called, without suffix."""
-        return f"{self.label}_{self.episode:04d}"
+        return episode_name(self.label, self.episode)
 
     @property
     def options(self) -> dict[str, Any]:
@@ -72,7 +74,7 @@ class EpisodeJob:
 
 
 class Track:
-    """The frames of an episode, once a second; maps are kept of the last one alone."""
+    """The frames of an episode, once a second, with all points measured; maps are kept of the last one alone."""
 
     def __init__(self) -> None:
         self._frames: list[Frame] = []
@@ -80,8 +82,7 @@ class Track:
 
     def add(self, frame: Frame) -> None:
         """Keep a frame."""
-        nothing = np.zeros((0, 0), dtype=np.uint8)
-        self._frames.append(replace(frame, map_ground=nothing, map_obstacle=nothing))
+        self._frames.append(frame.without_maps())
         self._last = frame
 
     def series(self) -> Mapping[str, Sequence[float]]:
@@ -89,10 +90,22 @@ class Track:
         read = {name: [float(f"{getattr(frame, name):.6g}") for frame in self._frames] for name in SERIES}
         return {**read, "pickets_lost": [_pickets_lost(frame) for frame in self._frames]}
 
-    def picture(self, world: WorldPicture) -> Picture:
-        """The top view at the end, with the trail."""
+    def points_m(self) -> NDArray[np.float64]:
+        """All points measured (k, 3), world frame."""
+        return Scan.joined([frame.scan for frame in self._frames]).points_m
+
+    def pictures(self, world: WorldPicture) -> tuple[Picture, Picture]:
+        """The top view and the 3-D picture at the end, of the part of the world that the episode reached."""
+        from coop_envs.viewer.scene import scene
+
         assert self._last is not None
-        return draw(world, self._last, Trail.from_frames(self._frames))
+        trail, window = Trail.from_frames(self._frames), episode_window(world, self._frames)
+        return draw(world, self._last, trail, window=window), scene(world, self._last, trail, window)
+
+
+def episode_name(label: str, episode: int) -> str:
+    """What the files of a policy's episode are called, without suffix."""
+    return f"{label}_{episode:04d}"
 
 
 def policy_label(policy: str) -> str:
@@ -103,7 +116,7 @@ def policy_label(policy: str) -> str:
 def run_episode(job: EpisodeJob) -> Row:
     """Run the episode to its end; one row of the results, plain enough for JSON.
 
-    If the job asks for it, ``picture`` holds the top view at the end, uint8 (height, width, 3).
+    If the job asks for it, ``pictures`` holds the top view and the 3-D picture at the end, uint8 (height, width, 3).
     """
     started = time.perf_counter()
     policy = load_policy(job.policy)
@@ -117,12 +130,13 @@ def run_episode(job: EpisodeJob) -> Row:
         if job.video:
             _film(job, env, decisions)
         deque(decisions, maxlen=0)
-        metrics, world = env.metrics(), env.world_picture()
+        scans = any(member.laser is not None for member in env.team_description.members)
+        metrics, world = env.metrics(track.points_m() if scans else None), env.world_picture()
         limit_s = env.team_description.time_limit_s
     series = track.series()
     row = identity(job) | {"status": "finished", "error": None} | metrics | coverage_times(series, limit_s)
     row = plain(row | {"wall_s": time.perf_counter() - started, "series": series})
-    return row | {"picture": track.picture(world)} if job.picture else row
+    return row | {"pictures": track.pictures(world)} if job.picture else row
 
 
 def identity(job: EpisodeJob) -> Row:
@@ -151,11 +165,17 @@ def coverage_times(series: Mapping[str, Sequence[float]], limit_s: float) -> dic
 def _play(
     env: Any, policy: Policy, observations: Observations, watch: Sequence[Callable[[Frame], None]]
 ) -> Iterator[int]:
-    """Yield at the start and after each decision; show a frame to the watchers once a second and at the end."""
+    """Yield at the start and after each decision; show a frame to the watchers once a second and at the end.
+
+    Each has the points since the one before, the last one the volume.
+    """
     period = max(1, round(SAMPLE_PERIOD_S / env.team_description.decision_s))
+    scans: list[Scan] = []
     for decision in itertools.count():
+        scans.append(env.scan())
         if decision % period == 0 or not env.agents:
-            frame = env.frame()
+            frame = env.frame(volume=not env.agents).with_scan(Scan.joined(scans))
+            scans.clear()
             for show in watch:
                 show(frame)
         yield decision

@@ -12,9 +12,10 @@ from coop_envs.viewer.metrics import known_metrics
 from train.results import Document, Row
 
 PICTURED = 3
-"""Episodes of each policy that are shown from above."""
+"""Episodes of each policy that are shown in pictures."""
 
-Pictures = dict[str, list[tuple[str, Picture]]]
+Pictures = dict[str, list[tuple[str, tuple[Picture, ...]]]]
+"""For each policy, captions and the pictures of an episode."""
 
 
 def installed(module: str) -> bool:
@@ -28,12 +29,12 @@ def reportable() -> bool:
 
 
 def keep_picture(pictures: Pictures, row: Row) -> None:
-    """Take the picture out of an episode's row, with a caption, if it has one."""
-    picture = row.pop("picture", None)
-    if picture is not None:
+    """Take the pictures out of an episode's row, with a caption, if it has any."""
+    shown = row.pop("pictures", None)
+    if shown is not None:
         outcome = "success" if row.get("success") else "no success"
         caption = f"seed {row['seed']}, world {row['world_index']}: {outcome} after {row['simulated_s']:.0f} s"
-        pictures.setdefault(row["policy"], []).append((caption, picture))
+        pictures.setdefault(row["policy"], []).append((caption, shown))
 
 
 def report(document: Document, pictures: Pictures, path: Path) -> None:
@@ -44,11 +45,12 @@ def report(document: Document, pictures: Pictures, path: Path) -> None:
     options = document["options"]
     write_report(
         path,
-        title=f"Evaluation: {options['world'] or options['scenario']}",
+        title=f"Evaluation: {Path(options['world'] or options['scenario']).name}",
         command=document["command"],
         environment=_environment(document),
         results={name: entry["episodes"] for name, entry in policies.items()},
         aggregates={name: _intervals(entry["summary"]) for name, entry in policies.items()},
+        comparisons=document["comparisons"],
         pictures={name: sorted(pictures[name], key=lambda entry: entry[0]) for name in policies if name in pictures},
         limitations=_limitations(document),
     )
@@ -71,8 +73,9 @@ def _intervals(summary: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, 
 def _limitations(document: Document) -> list[str]:
     rows = [row for entry in document["policies"].values() for row in entry["episodes"]]
     crashed = sum(row["error"] is not None for row in rows)
+    left_out = "what cannot be known of them, their curves too, is left out"
     notes = {
-        f"{crashed} episodes crashed and count as failures; what cannot be known of them is left out.": crashed > 0,
+        f"{crashed} episodes crashed and count as failures; {left_out}.": crashed > 0,
         "The evaluation was interrupted; only finished episodes count.": document["status"] == "interrupted",
     }
     return [note for note, applies in notes.items() if applies]

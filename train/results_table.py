@@ -7,7 +7,7 @@ from typing import Any
 from rich.console import Group
 from rich.table import Table
 
-from coop_envs.viewer.metrics import Metric, known_metrics
+from coop_envs.viewer.metrics import Metric, compared_metrics, known_metrics
 from train.results import Document
 
 SHOWN = (
@@ -16,13 +16,23 @@ SHOWN = (
     "mapped_m2",
     "information_bits",
     "action_energy_j",
+    "bits_per_action_joule",
+    "points_measured",
+    "point_error_m",
     "pickets_lost",
     "observer_survived",
     "drift_percent_of_path",
     "simulated_s",
 )
-DIFFERENCES = ("success", "coverage", "pickets_lost", "pickets_lost_per_mapped_m2", "simulated_s")
-PLAIN = Metric("", "", decimals=2)
+DIFFERENCES = (
+    "success",
+    "coverage",
+    "information_bits",
+    "bits_per_action_joule",
+    "pickets_lost",
+    "pickets_lost_per_mapped_m2",
+    "simulated_s",
+)
 
 
 def results_tables(document: Document) -> Group:
@@ -33,23 +43,27 @@ def results_tables(document: Document) -> Group:
     metrics = {metric.name: metric for metric in known_metrics()}
     for name in SHOWN:
         metric = metrics[name]
-        cells = [_cell(metric, entry["summary"].get(name)) for entry in policies.values()]
-        table.add_row(f"{metric.label} {metric.unit}".strip(), *cells)
+        estimates = [entry["summary"].get(name) for entry in policies.values()]
+        if any(estimates):
+            table.add_row(f"{metric.label} {metric.unit}".strip(), *(_cell(metric, estimate) for estimate in estimates))
     return Group(table, *_differences(document))
 
 
 def _differences(document: Document) -> list[Table]:
-    by_metric: dict[str, dict[str, dict[str, Any]]] = {}
+    """A row for each metric and pair of policies."""
+    by_metric: dict[str, list[dict[str, Any]]] = {}
     for entry in document["comparisons"]:
-        by_metric.setdefault(entry["metric"], {})[f"{entry['a']} - {entry['b']}"] = entry
-    pairs = dict.fromkeys(pair for found in by_metric.values() for pair in found)
-    table = Table("paired difference", *pairs, caption="of means or ratios of sums (95 % interval)")
-    for metric in (metric for metric in DIFFERENCES if metric in by_metric):
-        table.add_row(metric, *[_cell(PLAIN, by_metric[metric].get(pair)) for pair in pairs])
-    return [table] if pairs else []
+        by_metric.setdefault(entry["metric"], []).append(entry)
+    table = Table("paired difference", "between", "", caption="of means or ratios of sums (95 % interval)")
+    for metric in compared_metrics(name for name in DIFFERENCES if name in by_metric):
+        captions = [f"{metric.label} {metric.unit}".strip(), *[""] * len(by_metric[metric.name])]
+        for caption, entry in zip(captions, by_metric[metric.name], strict=False):
+            table.add_row(caption, f"{entry['a']} - {entry['b']}", _cell(metric, entry))
+        table.add_section()
+    return [table] if by_metric else []
 
 
 def _cell(metric: Metric, estimate: dict[str, Any] | None) -> str:
     if estimate is None:
         return "-"
-    return f"{metric.text(estimate['value'])} ({metric.text(estimate['low'])} to {metric.text(estimate['high'])})"
+    return f"{metric.text(estimate['value'])} ({metric.interval(estimate)})"

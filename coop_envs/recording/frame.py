@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coop_envs.errors import ConfigError
+from coop_envs.recording.scan import NO_SCAN, Scan
 
 DOCKED, ACTIVE, TRAPPED, SWALLOWED, FALLEN, DEPLETED = range(6)
 DECLARED_DOCKED, DECLARED_ACTIVE, DECLARED_LOST = range(3)
@@ -32,8 +33,13 @@ _ARRAYS: dict[str, tuple[type[np.generic], tuple[str, ...]]] = {
     "range_m": (np.float64, ("n",)),
     "body_radius_m": (np.float64, ("n",)),
     "sees": (np.bool_, ("n", "n")),
+    "scanning": (np.bool_, ("n",)),
+    "points_m": (np.float64, ("k", "3")),
+    "point_sigma_m": (np.float64, ("k",)),
+    "point_robots": (np.int16, ("k", "3")),
     "map_ground": (np.uint8, ("nx", "ny")),
     "map_obstacle": (np.uint8, ("nx", "ny")),
+    "map_volume": (np.uint8, ("levels", "nx", "ny")),
     "T_world_map": (np.float64, ("3",)),
 }
 
@@ -75,13 +81,23 @@ class Frame:
     body_radius_m: NDArray[np.float64]
     sees: NDArray[np.bool_]
     """``sees[i, j]``: the camera of i saw the hat of j in this decision."""
+    scanning: NDArray[np.bool_]
+    """Draws a raster with its laser."""
+    points_m: NDArray[np.float64]
+    """Points measured since the frame before, (k, 3); these and the next two are those of a `Scan`."""
+    point_sigma_m: NDArray[np.float64]
+    point_robots: NDArray[np.int16]
     map_ground: NDArray[np.uint8]
     """255 P(the ground carries robots): 128 unknown, 255 proven, 0 hazard."""
     map_obstacle: NDArray[np.uint8]
     """255 P(obstacle): 128 unknown, 0 free."""
+    map_volume: NDArray[np.uint8]
+    """255 P(something is there), level by level from the lowest; no levels where the frame was taken without."""
     T_world_map: NDArray[np.float64]
     """(x, y, yaw) of the map's lower corner frame."""
     cell_m: float
+    volume_floor_m: float
+    """Height in the world at which the lowest level begins; a level is as high as a cell."""
     energy_j: float
     action_energy_j: float
     """Motion, laser and LEDs alone; ``energy_j`` is all."""
@@ -99,6 +115,20 @@ class Frame:
             if value.shape != tuple(lengths.get(axis) for axis in axes):
                 raise ConfigError(f"frame.{name}", value.shape, f"shape ({', '.join(axes)}) with {lengths}")
             object.__setattr__(self, name, value)
+
+    @property
+    def scan(self) -> Scan:
+        """The points measured since the frame before."""
+        return Scan(self.points_m, self.point_sigma_m, self.point_robots)
+
+    def with_scan(self, scan: Scan) -> Frame:
+        """The frame with these points in place of its own."""
+        return replace(self, **{entry.name: getattr(scan, entry.name) for entry in dataclasses.fields(Scan)})
+
+    def without_maps(self) -> Frame:
+        """The frame with maps of no cells."""
+        nothing = np.zeros((0, 0), dtype=np.uint8)
+        return replace(self, map_ground=nothing, map_obstacle=nothing, map_volume=nothing[None][:0])
 
     @staticmethod
     def axes(name: str) -> tuple[str, ...]:
@@ -156,10 +186,20 @@ def frame_to_arrays(frame: Frame) -> dict[str, NDArray[Any]]:
 
 
 def frame_from_arrays(arrays: Mapping[str, Any]) -> Frame:
-    """The frame that `frame_to_arrays` took apart; lists of numbers serve as well as arrays."""
+    """The frame that `frame_to_arrays` took apart; lists of numbers serve as well as arrays.
+
+    What is absent of a frame's scan and of the volume is empty.
+    """
+    cells = np.shape(arrays["map_ground"])
+    absent: dict[str, Any] = {
+        "scanning": np.zeros(len(arrays["names"]), dtype=np.bool_),
+        "map_volume": np.empty((0, *cells), dtype=np.uint8),
+        "volume_floor_m": 0.0,
+        **{entry.name: getattr(NO_SCAN, entry.name) for entry in dataclasses.fields(Scan)},
+    }
     values: dict[str, Any] = {}
     for entry in dataclasses.fields(Frame):
-        value = arrays[entry.name]
+        value = arrays[entry.name] if entry.name in arrays or entry.name not in absent else absent[entry.name]
         if entry.name in _ARRAYS:
             values[entry.name] = value
         elif entry.name in ("names", "role"):

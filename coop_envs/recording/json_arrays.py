@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from coop_envs.errors import ConfigError
 
+ZLIB_LEVEL = 2
 ARRAY_SCHEMA: dict[str, Any] = {
     "type": "object",
     "description": "A C-ordered numpy array: dtype in numpy's notation, bytes in base64, compressed if so said.",
@@ -37,7 +38,7 @@ def encode_array(array: NDArray[Any], compress: bool = False) -> dict[str, Any]:
         raise ConfigError("array.dtype", str(array.dtype), "numbers, booleans, text or times")
     data = array.tobytes()
     if compress:
-        data = zlib.compress(data, level=6)
+        data = zlib.compress(data, level=ZLIB_LEVEL)
     return {
         "dtype": array.dtype.str,
         "shape": list(array.shape),

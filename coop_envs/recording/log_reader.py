@@ -6,6 +6,7 @@ import itertools
 import json
 import os
 import struct
+from collections import ChainMap
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +16,17 @@ from numpy.typing import NDArray
 from coop_envs.errors import ConfigError
 from coop_envs.recording.frame import Frame, WorldPicture, frame_from_arrays, world_from_arrays
 from coop_envs.recording.json_arrays import decode_array
-from coop_envs.recording.log_format import FRAME, MAGIC, MAP, MEASUREMENTS, METADATA_NAME, WORLD, LogMetadata
+from coop_envs.recording.log_format import (
+    FRAME,
+    MAGIC,
+    MAP,
+    MEASUREMENTS,
+    METADATA_NAME,
+    POINTS,
+    VOLUME,
+    WORLD,
+    LogMetadata,
+)
 
 if TYPE_CHECKING:
     from mcap.records import McapRecord
@@ -49,14 +60,18 @@ class EpisodeReader:
         return None if message is None else world_from_arrays(_decode(message))
 
     def frames(self) -> Iterator[Frame]:
-        """The frames in order of time, each with the latest maps written up to its time."""
+        """The frames in order of time, each with its points and the latest maps written up to its time.
+
+        The last frame alone has the volume.
+        """
         maps: dict[str, NDArray[Any]] = {}
-        for _, group in itertools.groupby(self._messages(FRAME, MAP), key=lambda item: item[0]):
+        for _, group in itertools.groupby(self._messages(FRAME, MAP, POINTS, VOLUME), key=lambda item: item[0]):
             messages = {topic: message for _, topic, message in group}
             if MAP in messages:
                 maps = _decode(messages[MAP])
             if FRAME in messages:
-                yield frame_from_arrays(messages[FRAME] | maps)
+                own = [_decode(messages[topic]) for topic in (POINTS, VOLUME) if topic in messages]
+                yield frame_from_arrays(dict(ChainMap(messages[FRAME], maps, *own)))
 
     def arrays(self, topic: str = MEASUREMENTS) -> Iterator[tuple[float, dict[str, NDArray[Any]]]]:
         """Time in seconds and named arrays, bit for bit as written."""

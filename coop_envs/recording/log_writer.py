@@ -11,18 +11,24 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
+import numpy as np
 from numpy.typing import NDArray
 
 from coop_envs.errors import ConfigError
 from coop_envs.recording.frame import Frame, WorldPicture, frame_to_arrays, world_to_arrays
 from coop_envs.recording.json_arrays import encode_array, plain_numbers
 from coop_envs.recording.log_format import (
+    APART,
     ARRAYS_SCHEMA,
     FRAME,
     FRAME_SCHEMA,
     MAP,
     MAP_FIELDS,
     METADATA_NAME,
+    POINT_FIELDS,
+    POINTS,
+    VOLUME,
+    VOLUME_FIELDS,
     WORLD,
     LogMetadata,
 )
@@ -30,6 +36,9 @@ from coop_envs.recording.whole_file import written_whole
 
 if TYPE_CHECKING:
     from mcap.writer import Writer
+
+
+OWN = (WORLD, FRAME, MAP, POINTS, VOLUME)
 
 
 class EpisodeWriter(AbstractContextManager["EpisodeWriter"]):
@@ -57,7 +66,8 @@ class EpisodeWriter(AbstractContextManager["EpisodeWriter"]):
         self._file = written_whole(path, keep_unfinished)
         self._channels: dict[str, int] = {}
         self._map_due_s = -math.inf
-        self._without_map: Frame | None = None
+        self._last: Frame | None = None
+        self._map_is_old = False
         self._last_frame_s = -math.inf
 
     def __enter__(self) -> Self:
@@ -84,7 +94,7 @@ class EpisodeWriter(AbstractContextManager["EpisodeWriter"]):
         self._add(WORLD, "coop_envs.WorldPicture", ARRAYS_SCHEMA, 0.0, {"time_s": 0.0, "arrays": arrays})
 
     def write_frame(self, frame: Frame) -> None:
-        """Write a frame; its maps too, if the last ones are ``map_period_s`` old.
+        """Write a frame and its points; its maps too, if the last ones are ``map_period_s`` old.
 
         Raises:
             ConfigError: a time before the last frame's.
@@ -92,32 +102,32 @@ class EpisodeWriter(AbstractContextManager["EpisodeWriter"]):
         if frame.time_s < self._last_frame_s:
             raise ConfigError("frame.time_s", frame.time_s, f"{self._last_frame_s} s or later")
         self._last_frame_s = frame.time_s
-        self._without_map = frame
+        self._last, self._map_is_old = frame, True
         if frame.time_s >= self._map_due_s:
-            self._write_map(frame)
+            self._writer.flush()
+            self._write_part(MAP, "coop_envs.Map", frame, MAP_FIELDS)
+            self._map_is_old = False
             self._map_due_s = frame.time_s + self._map_period_s
+        if len(frame.scan):
+            self._write_part(POINTS, "coop_envs.Points", frame, POINT_FIELDS)
         arrays = frame_to_arrays(frame)
-        message = {name: plain_numbers(arrays[name].tolist()) for name in arrays if name not in MAP_FIELDS}
+        message = {name: plain_numbers(arrays[name].tolist()) for name in arrays if name not in APART}
         self._add(FRAME, "coop_envs.Frame", FRAME_SCHEMA, frame.time_s, message)
 
     def write_arrays(self, topic: str, time_s: float, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Write named arrays bit-exactly on a topic of their own.
 
         Raises:
-            ConfigError: the topic of world, frames or maps, or an array of objects.
+            ConfigError: a topic of world or frames, or an array of objects.
         """
-        if topic in (WORLD, FRAME, MAP):
-            raise ConfigError("topic", topic, f"another topic than {WORLD}, {FRAME}, {MAP}")
+        if topic in OWN:
+            raise ConfigError("topic", topic, f"another topic than {', '.join(OWN)}")
         encoded = {name: encode_array(value) for name, value in arrays.items()}
         self._add(topic, "coop_envs.Arrays", ARRAYS_SCHEMA, time_s, {"time_s": float(time_s), "arrays": encoded})
 
-    def _write_map(self, frame: Frame) -> None:
-        arrays = frame_to_arrays(frame)
-        encoded = {name: encode_array(arrays[name], compress=True) for name in MAP_FIELDS}
-        message = {"time_s": frame.time_s, "arrays": encoded}
-        self._writer.flush()
-        self._add(MAP, "coop_envs.Map", ARRAYS_SCHEMA, frame.time_s, message)
-        self._without_map = None
+    def _write_part(self, topic: str, schema_name: str, frame: Frame, names: tuple[str, ...]) -> None:
+        encoded = {name: encode_array(np.asarray(getattr(frame, name)), compress=True) for name in names}
+        self._add(topic, schema_name, ARRAYS_SCHEMA, frame.time_s, {"time_s": frame.time_s, "arrays": encoded})
 
     def _add(self, topic: str, schema_name: str, schema: dict[str, Any], time_s: float, message: Any) -> None:
         time_ns = round(time_s * 1e9)
@@ -128,6 +138,8 @@ class EpisodeWriter(AbstractContextManager["EpisodeWriter"]):
         self._writer.add_message(self._channels[topic], log_time=time_ns, publish_time=time_ns, data=data)
 
     def _finish(self) -> None:
-        if self._without_map is not None:
-            self._write_map(self._without_map)
+        if self._last is not None and self._map_is_old:
+            self._write_part(MAP, "coop_envs.Map", self._last, MAP_FIELDS)
+        if self._last is not None and len(self._last.map_volume):
+            self._write_part(VOLUME, "coop_envs.Volume", self._last, VOLUME_FIELDS)
         self._writer.finish()

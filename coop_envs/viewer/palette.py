@@ -17,6 +17,10 @@ NO_GROUND: Rgb = (247, 247, 245)
 PROVEN: Rgb = (38, 160, 96)
 HAZARD: Rgb = (240, 96, 32)
 OBSTACLE: Rgb = (52, 62, 92)
+SEEN_FREE: Rgb = (56, 150, 214)
+LASER: Rgb = (226, 26, 58)
+HEIGHTS: tuple[Rgb, ...] = ((46, 20, 128), (150, 24, 154), (222, 80, 96), (252, 158, 60), (246, 232, 90))
+"""From low to high."""
 TRUE_HAZARDS: dict[str, Rgb] = {"trap": (178, 24, 43), "hole": (20, 20, 24), "slippery": (33, 113, 181)}
 
 GOAL: Rgb = (245, 190, 40)

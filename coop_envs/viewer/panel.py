@@ -13,7 +13,9 @@ from coop_envs.viewer.palette import (
     FLOOR,
     GOAL,
     HAZARD,
+    HEIGHTS,
     INK,
+    LASER,
     LOST,
     MUTED,
     OBSERVERS,
@@ -22,6 +24,7 @@ from coop_envs.viewer.palette import (
     PICKETS,
     PROVEN,
     RULE,
+    SEEN_FREE,
     TRUE_HAZARDS,
     Rgb,
     mixed,
@@ -129,15 +132,29 @@ def _goal(area: Picture, centre: Points) -> None:
     polyline(area, star_points(centre, 8.0), INK, closed=True)
 
 
+def _points(area: Picture, centre: Points) -> None:
+    polygon(area, centre + _square(6.5), FLOOR)
+    for k, colour in enumerate(HEIGHTS[:-1]):
+        u, v = np.rint(centre + (5.0 * k - 8.0, (-3.0, 2.0, -1.0, 4.0)[k])).astype(int)
+        area[v : v + 2, u : u + 2] = colour
+
+
+def _ray(area: Picture, centre: Points) -> None:
+    polyline(area, centre + np.array([(-10.0, 0.0), (10.0, 0.0)]), LASER)
+
+
 LEGEND: tuple[tuple[str, Callable[[Picture, Points], None]], ...] = (
     ("robot", _robot),
     ("believed, 2σ", _believed),
     ("landmark", _landmark),
     ("lost robot", _lost),
     ("proven ground", _swatch(PROVEN, 0.42)),
+    ("seen free", _swatch(SEEN_FREE, 0.26)),
     ("believed hazard", _swatch(HAZARD, 0.78)),
     ("believed wall", _swatch(OBSTACLE, 0.65)),
     ("hidden hazard", _true_hazard),
+    ("measured point", _points),
+    ("laser", _ray),
     ("believed path", _path),
     ("sees", _sight),
     ("in dock", _dock),

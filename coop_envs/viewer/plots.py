@@ -69,6 +69,8 @@ def _bars(axes: Axes, metric: Metric, intervals: Mapping[str, Interval]) -> None
     axes.hlines(place, low, high, color=_hex(INK), linewidth=1.4)
     axes.set_yticks(place, list(intervals), fontsize=8)
     axes.set_title(metric.label + (f" ({metric.unit})" if metric.unit else ""), fontsize=8.5, loc="left")
+    if values.min() >= 0:
+        axes.set_xlim(left=0)
     axes.locator_params(axis="x", nbins=4)
     _plain(axes, grid_axis="x")
 

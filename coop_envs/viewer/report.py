@@ -15,16 +15,27 @@ from coop_envs.recording.whole_file import written_whole
 from coop_envs.viewer import plots
 from coop_envs.viewer.canvas import Picture
 from coop_envs.viewer.curves import Episode, bands
-from coop_envs.viewer.metrics import Metric, known_metrics
+from coop_envs.viewer.metrics import LEAST_PAIRS, Metric, compared_metrics, known_metrics
 from coop_envs.viewer.plots import Interval
+from coop_envs.viewer.relief import HEADROOM_M
 
 TEMPLATE = "report.html.jinja"
 BARS_PER_FIGURE = 8
+PAIRS_PER_TABLE = 3
+HOW_CURVES = "median and middle half of the episodes, broken ones left out; one that is over keeps its last value."
 CURVES = (
+    (
+        "Information against energy, idle consumption included",
+        "energy_j",
+        "energy (J)",
+        "information_bits",
+        "bits",
+        1.0,
+    ),
+    ("Information against action energy", "action_energy_j", "action energy (J)", "information_bits", "bits", 1.0),
     ("Coverage against simulated time", "time_s", "simulated time (s)", "coverage", "coverage (%)", 100.0),
     ("Coverage against energy, idle consumption included", "energy_j", "energy (J)", "coverage", "coverage (%)", 100.0),
     ("Coverage against action energy", "action_energy_j", "action energy (J)", "coverage", "coverage (%)", 100.0),
-    ("Information against action energy", "action_energy_j", "action energy (J)", "information_bits", "bits", 1.0),
 )
 LIMITATIONS = (
     "Everything here was simulated: intervals tell how figures vary with the seed, not how far they are from reality.",
@@ -41,7 +52,8 @@ def write_report(
     environment: Mapping[str, Any],
     results: Mapping[str, Sequence[Episode]],
     aggregates: Mapping[str, Mapping[str, Interval]],
-    pictures: Mapping[str, Sequence[tuple[str, Picture]]],
+    pictures: Mapping[str, Sequence[tuple[str, Sequence[Picture]]]],
+    comparisons: Sequence[Mapping[str, Any]] = (),
     limitations: Sequence[str] = (),
 ) -> Path:
     """Write the report of an evaluation; the file exists whole or not at all.
@@ -55,7 +67,8 @@ def write_report(
             (``time_s``, ``coverage``, ``energy_j``, ``action_energy_j``, ``information_bits``) and, if it broke off,
             ``error``.
         aggregates: for each policy and metric ``iqm``, ``low``, ``high`` and ``n``.
-        pictures: for each policy captions and pictures, uint8 (height, width, 3) RGB.
+        pictures: for each policy and some of its episodes a caption and pictures, uint8 (height, width, 3) RGB.
+        comparisons: paired differences a - b between policies: ``a``, ``b``, ``metric``, ``value``, ``low``, ``high``.
         limitations: what else a reader should know, beside what holds for every simulated evaluation.
     """
     html = render(
@@ -65,6 +78,7 @@ def write_report(
         results=results,
         aggregates=aggregates,
         pictures=pictures,
+        comparisons=comparisons,
         limitations=limitations,
     )
     with written_whole(path) as part:
@@ -79,7 +93,8 @@ def render(
     environment: Mapping[str, Any],
     results: Mapping[str, Sequence[Episode]],
     aggregates: Mapping[str, Mapping[str, Interval]],
-    pictures: Mapping[str, Sequence[tuple[str, Picture]]],
+    pictures: Mapping[str, Sequence[tuple[str, Sequence[Picture]]]],
+    comparisons: Sequence[Mapping[str, Any]] = (),
     limitations: Sequence[str] = (),
 ) -> str:
     """The report as HTML text; arguments as in `write_report`."""
@@ -101,9 +116,12 @@ def render(
         results=results,
         figures=_figures(results, aggregates, metrics),
         pictures={
-            policy: [(caption, png_uri(encode_png(image))) for caption, image in entries]
+            policy: [(caption, [png_uri(encode_png(image)) for image in images]) for caption, images in entries]
             for policy, entries in pictures.items()
         },
+        differences=_differences(comparisons),
+        headroom_m=HEADROOM_M,
+        least_pairs=LEAST_PAIRS,
         limitations=(*LIMITATIONS, *limitations),
     )
 
@@ -115,6 +133,15 @@ def reported_metrics(aggregates: Mapping[str, Mapping[str, Interval]]) -> list[M
     return [known[name] for name in known if name in names] + [
         Metric(name, name) for name in names if name not in known
     ]
+
+
+def _differences(comparisons: Sequence[Mapping[str, Any]]) -> list[tuple[list[tuple[str, str]], list[Any]]]:
+    """Tables of a few pairs of policies each: the pairs, and each metric with their differences, None where missing."""
+    pairs = list(dict.fromkeys((entry["a"], entry["b"]) for entry in comparisons))
+    found = {(entry["metric"], entry["a"], entry["b"]): entry for entry in comparisons}
+    metrics = compared_metrics(dict.fromkeys(entry["metric"] for entry in comparisons))
+    tables = [pairs[k : k + PAIRS_PER_TABLE] for k in range(0, len(pairs), PAIRS_PER_TABLE)]
+    return [(some, [(m, [found.get((m.name, *pair)) for pair in some]) for m in metrics]) for some in tables]
 
 
 def _outcome(episodes: Sequence[Episode]) -> dict[str, int]:
@@ -134,7 +161,7 @@ def _figures(
         curves = bands(results, against, quantity)
         if curves:
             figure = plots.draw_bands(curves, x_label, y_label, scale)
-            figures.append((f"{caption}: median and middle half of the episodes.", png_uri(plots.png(figure))))
+            figures.append((f"{caption}: {HOW_CURVES}", png_uri(plots.png(figure))))
     judged = [metric for metric in metrics if metric.better is not None]
     for start in range(0, len(judged), BARS_PER_FIGURE):
         figure = plots.draw_intervals(aggregates, judged[start : start + BARS_PER_FIGURE])

@@ -34,25 +34,38 @@ MAX_TRAIL_POINTS = 500
 
 @dataclass(frozen=True, eq=False)
 class Trail:
-    """Where n robots have been: true and believed positions, world frame, (t, n, 2); NaN where there is none."""
+    """What an episode left behind by each of t instants, world frame.
+
+    true_xy, belief_xy
+        (t, n, 2) true and believed positions of n robots; NaN where there is none.
+    points_m, measured
+        (k, 3) points measured, in the order of time; (t,) how many of them there were by each instant.
+    """
 
     true_xy: NDArray[np.float64]
     belief_xy: NDArray[np.float64]
+    points_m: NDArray[np.float64]
+    measured: NDArray[np.int64]
 
     @classmethod
     def from_frames(cls, frames: Iterable[Frame]) -> Trail:
         """The trail over these frames of one episode; docked robots leave none."""
-        true_xy, belief_xy = [], []
+        true_xy, belief_xy, points = [], [], []
         for frame in frames:
             out = (frame.status != DOCKED)[:, None]
             true_xy.append(np.where(out, frame.true_xy_yaw[:, :2], np.nan))
             belief_xy.append(np.where(out, frame.belief_xy_yaw[:, :2], np.nan))
-        empty = np.empty((0, 0, 2))
-        return cls(np.array(true_xy), np.array(belief_xy)) if true_xy else cls(empty, empty)
+            points.append(frame.points_m)
+        measured = np.cumsum([len(part) for part in points], dtype=np.int64)
+        if not true_xy:
+            return cls(np.empty((0, 0, 2)), np.empty((0, 0, 2)), np.empty((0, 3)), measured)
+        return cls(np.array(true_xy), np.array(belief_xy), np.concatenate(points), measured)
 
     def until(self, count: int) -> Trail:
         """The trail over the first ``count`` instants."""
-        return Trail(self.true_xy[:count], self.belief_xy[:count])
+        measured = self.measured[:count]
+        points_m = self.points_m[: measured[-1] if len(measured) else 0]
+        return Trail(self.true_xy[:count], self.belief_xy[:count], points_m, measured)
 
 
 def ellipse_points(mean_xy: NDArray[np.float64], cov_xy: NDArray[np.float64], count: int = 40) -> Points:
@@ -74,19 +87,24 @@ def sector_points(
     reach = min(range_m, math.hypot(world.bounds[2] - world.bounds[0], world.bounds[3] - world.bounds[1]))
     distance = np.arange(0.0, reach, max(0.5 * world.cell, reach / 500))
     points = pose[:2] + distance[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    heights = _height_at(world, points)
-    blocked = heights > _height_at(world, pose[:2]) + SIGHT_BLOCK_M
+    heights = _height_or_deep(world, points)
+    blocked = heights > _height_or_deep(world, pose[:2]) + SIGHT_BLOCK_M
     last = np.where(blocked.any(axis=0), blocked.argmax(axis=0), distance.size - 1)
     return np.concatenate([[(x, y)], points[last, np.arange(rays)]])
 
 
-def _height_at(world: WorldPicture, xy: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Height of the node nearest to points (..., 2), far below where there is no ground."""
-    i, j = np.moveaxis(np.rint((xy - np.asarray(world.origin)) / world.cell).astype(np.int64), -1, 0)
+def height_at(world: WorldPicture, xy: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Height of the node nearest to points (..., 2), NaN where there is no ground."""
+    away = np.nan_to_num((xy - np.asarray(world.origin)) / world.cell, nan=-1.0)
+    i, j = np.moveaxis(np.rint(np.clip(away, -1.0, max(world.heights.shape))).astype(np.int64), -1, 0)
     nx, ny = world.heights.shape
     inside = (i >= 0) & (j >= 0) & (i < nx) & (j < ny)
     heights = world.heights[np.where(inside, i, 0), np.where(inside, j, 0)]
-    return np.where(inside & ~np.isnan(heights), heights, np.float32(LOWEST_M))
+    return np.where(inside & (heights > LOWEST_M), heights, np.float32(np.nan))
+
+
+def _height_or_deep(world: WorldPicture, xy: NDArray[np.float64]) -> NDArray[np.float32]:
+    return np.nan_to_num(height_at(world, xy), nan=LOWEST_M)
 
 
 def shown_poses(frame: Frame) -> NDArray[np.float64]:

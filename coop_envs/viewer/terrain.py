@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from coop_envs.recording.frame import Frame, HazardOutline, WorldPicture
 from coop_envs.viewer.canvas import Picture, Points, View
-from coop_envs.viewer.palette import FLOOR, HAZARD, HIGH_GROUND, LOW_GROUND, NO_GROUND, OBSTACLE, PROVEN
+from coop_envs.viewer.palette import FLOOR, HAZARD, HIGH_GROUND, LOW_GROUND, NO_GROUND, OBSTACLE, PROVEN, SEEN_FREE
 
 LOWEST_M = -100.0
 TALL_M = 0.25
@@ -35,25 +35,26 @@ def shaded_ground(world: WorldPicture, view: View) -> Picture:
         view.height * OVERSAMPLING,
     )
     ground = has_ground(world.heights)
-    floor_m = _floor(world, ground)
+    floor = floor_m(world)
     node_from_world = np.diag([1 / world.cell, 1 / world.cell, 1.0])
     node_from_world[:2, 2] = -np.asarray(world.origin) / world.cell
     node_from_px = (node_from_world @ fine.world_from_px())[:2]
-    filled = np.where(ground, world.heights, floor_m).astype(np.float32)
-    heights_m = _resampled(filled - floor_m, node_from_px, fine, cv2.INTER_LINEAR, 0)
+    filled = np.where(ground, world.heights, floor).astype(np.float32)
+    heights_m = _resampled(filled - floor, node_from_px, fine, cv2.INTER_LINEAR, 0)
     present = _resampled(ground.astype(np.uint8), node_from_px, fine, cv2.INTER_NEAREST, 0)
 
     tall = np.clip(heights_m / max(TALL_M, float(heights_m.max())), 0, 1)[..., None] ** 0.6
     deep = np.clip(-heights_m / max(TALL_M, -float(heights_m.min())), 0, 1)[..., None] ** 0.6
-    floor, high, low = np.asarray((FLOOR, HIGH_GROUND, LOW_GROUND), dtype=np.float32)
-    colour = floor * (1 - tall - deep) + high * tall + low * deep
+    level, high, low = np.asarray((FLOOR, HIGH_GROUND, LOW_GROUND), dtype=np.float32)
+    colour = level * (1 - tall - deep) + high * tall + low * deep
     colour = np.where(present[..., None] > 0, colour * _shade(heights_m, fine.px_per_m)[..., None], NO_GROUND)
     picture = np.clip(colour, 0, 255).astype(np.uint8)
     return cv2.resize(picture, (view.width, view.height), interpolation=cv2.INTER_AREA).astype(np.uint8)
 
 
-def _floor(world: WorldPicture, ground: NDArray[np.bool_]) -> float:
+def floor_m(world: WorldPicture) -> float:
     """Height from which tall and deep are told: where the first robot starts, else the middle of all."""
+    ground = has_ground(world.heights)
     for start in world.starts[:1]:
         i, j = np.rint((np.array(start[:2]) - world.origin) / world.cell).astype(int)
         if 0 <= i < ground.shape[0] and 0 <= j < ground.shape[1] and ground[i, j]:
@@ -81,14 +82,18 @@ def _resampled(grid: NDArray, node_from_px: NDArray[np.float64], view: View, how
 
 
 def belief_tint(frame: Frame) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Colour (nx, ny, 3) and opacity (nx, ny) of each map cell: green proven, orange hazard, slate obstacle."""
+    """Colour (nx, ny, 3) and opacity (nx, ny) of each map cell.
+
+    Green is proven by bodies, blue seen free by scans, orange a hazard, slate an obstacle.
+    """
     ground = frame.map_ground.astype(np.float64)
     obstacle = np.clip((frame.map_obstacle.astype(np.float64) - 128) / 127, 0, 1)
+    free = np.clip((128 - frame.map_obstacle.astype(np.float64)) / 128, 0, 1)
     proven = np.clip((ground - 128) / 127, 0, 1)
     hazard = np.clip((128 - ground) / 128, 0, 1)
-    opacities = np.stack([0.42 * proven, 0.78 * hazard, 0.65 * obstacle], axis=-1)
+    opacities = np.stack([0.42 * proven, 0.78 * hazard, 0.65 * obstacle, 0.26 * free], axis=-1)
     chosen = opacities.argmax(axis=-1)
-    return np.asarray((PROVEN, HAZARD, OBSTACLE), dtype=np.float64)[chosen], opacities.max(axis=-1)
+    return np.asarray((PROVEN, HAZARD, OBSTACLE, SEEN_FREE), dtype=np.float64)[chosen], opacities.max(axis=-1)
 
 
 def tint_ground(picture: Picture, view: View, frame: Frame) -> None:

@@ -13,6 +13,7 @@ from coop_envs.viewer.canvas import Picture, View, circle_points, dashed, hatch,
 from coop_envs.viewer.lettering import write
 from coop_envs.viewer.palette import GOAL, INK, MUTED, PAPER, TRUE_HAZARDS, robot_colours
 from coop_envs.viewer.panel import FIGURES_PX, draw_legend, legend_height, write_figures
+from coop_envs.viewer.points import draw_points, draw_rays
 from coop_envs.viewer.robots import Trail, draw_fields_of_view, draw_robots, draw_sight_lines, draw_trails
 from coop_envs.viewer.terrain import hazard_outline, shaded_ground, tint_ground
 from coop_envs.viewer.window import Bounds, episode_window
@@ -39,11 +40,14 @@ def draw(
     area = picture[: view.height, : view.width]
     colours = robot_colours(frame.role)
     tint_ground(area, view, frame)
+    if trail is not None:
+        draw_points(area, view, world, trail.points_m)
     _draw_marks(area, view, world)
     draw_fields_of_view(area, view, world, frame)
     if trail is not None:
         draw_trails(area, view, trail, colours)
     draw_sight_lines(area, view, frame, colours)
+    draw_rays(area, view, frame)
     draw_robots(area, view, frame)
     write_figures(picture[view.height : view.height + FIGURES_PX], frame)
     return picture

@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike
 from coop_envs.recording.frame import Frame, WorldPicture
 from coop_envs.viewer.robots import Trail
 
+POINT_MARGIN_M = 0.15
+SLIMMEST = 0.7
 Bounds = tuple[float, float, float, float]
 """x_min, y_min, x_max, y_max in metres, world frame."""
 
@@ -28,7 +30,11 @@ def window_around(world: WorldPicture, centre_xy: ArrayLike, side_m: float = 4.0
 
 
 def episode_window(world: WorldPicture, frames: Sequence[Frame], margin_m: float = 0.6, least_m: float = 2.5) -> Bounds:
-    """The window that holds all paths of an episode with a margin, ``least_m`` wide and high; of a small world all."""
+    """The window that holds an episode's paths, points and a margin, ``least_m`` wide and high; all of a small world.
+
+    The outermost hundredth of the points on each side does not count: some are false. No side is shorter than a share
+    `SLIMMEST` of the other, if the world is not.
+    """
     low, high = np.array(world.bounds).reshape(2, 2)
     trail = Trail.from_frames(frames)
     points = np.concatenate([trail.true_xy.reshape(-1, 2), trail.belief_xy.reshape(-1, 2)])
@@ -36,7 +42,10 @@ def episode_window(world: WorldPicture, frames: Sequence[Frame], margin_m: float
     if points.size == 0:
         return world.bounds
     first, last = points.min(axis=0) - margin_m, points.max(axis=0) + margin_m
-    spare = np.maximum(least_m - (last - first), 0.0) / 2
+    if len(trail.points_m):
+        reach = np.quantile(trail.points_m[:, :2], (0.01, 0.99), axis=0)
+        first, last = np.minimum(first, reach[0] - POINT_MARGIN_M), np.maximum(last, reach[1] + POINT_MARGIN_M)
+    spare = np.maximum(max(least_m, SLIMMEST * (last - first).max()) - (last - first), 0.0) / 2
     first, last = np.maximum(first - spare, low), np.minimum(last + spare, high)
     return _bounds(np.minimum(first, high), np.maximum(last, low))
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from coop_envs.errors import ConfigError
-from coop_envs.recording import Frame, WorldPicture
+from coop_envs.recording import Frame, Scan, WorldPicture
 from coop_envs.recording.frame import (
     HazardPicture,
     frame_from_arrays,
@@ -37,11 +37,39 @@ def test_a_frame_is_a_snapshot(frames: list[Frame]) -> None:
         ("belief_cov_xy", np.zeros((3, 2))),
         ("map_obstacle", np.zeros((3, 3))),
         ("role", ("observer",)),
+        ("points_m", np.zeros((3, 2))),
+        ("point_sigma_m", np.zeros(9)),
+        ("map_volume", np.zeros((2, 3, 3))),
     ],
 )
 def test_a_wrong_shape_is_named(frames: list[Frame], name: str, value: object) -> None:
     with pytest.raises(ConfigError, match=f"frame.{name}"):
         dataclasses.replace(frames[0], **{name: value})
+
+
+def test_a_frame_of_before_there_was_scanning_is_read_as_one_without(frames: list[Frame]) -> None:
+    arrays = frame_to_arrays(frames[3])
+    for name in ("scanning", "points_m", "point_sigma_m", "point_robots", "map_volume", "volume_floor_m"):
+        del arrays[name]
+    frame = frame_from_arrays(arrays)
+    assert len(frame.scan) == len(frame.map_volume) == 0
+    assert not frame.scanning.any()
+    np.testing.assert_array_equal(frame.map_ground, frames[3].map_ground)
+
+
+def test_points_of_several_scans_keep_their_order(frames: list[Frame]) -> None:
+    joined = Scan.joined([frame.scan for frame in frames[:4]])
+    assert len(joined) == 0 + 1 + 2 + 3
+    frame = frames[0].with_scan(joined)
+    np.testing.assert_array_equal(frame.points_m[3:], frames[3].points_m)
+    np.testing.assert_array_equal(frame.point_robots[1:3], frames[2].point_robots)
+    assert len(Scan.joined([])) == 0
+
+
+def test_a_frame_without_maps_is_else_the_same(frames: list[Frame]) -> None:
+    bare = frames[3].without_maps()
+    assert bare.map_ground.size == bare.map_obstacle.size == bare.map_volume.size == 0
+    np.testing.assert_array_equal(bare.points_m, frames[3].points_m)
 
 
 @pytest.mark.parametrize("goal", [None, (0.6, 0.3, 0.08)])

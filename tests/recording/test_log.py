@@ -11,7 +11,7 @@ from coop_envs.errors import ConfigError
 from coop_envs.recording import EpisodeReader, EpisodeWriter, Frame, LogMetadata, WorldPicture
 from coop_envs.recording.frame import frame_to_arrays
 from coop_envs.recording.json_arrays import decode_array, encode_array
-from coop_envs.recording.log_format import MAP_FIELDS, MEASUREMENTS
+from coop_envs.recording.log_format import MAP_FIELDS, MEASUREMENTS, VOLUME_FIELDS
 from coop_envs.recording.whole_file import unfinished_path, written_whole
 
 METADATA = LogMetadata("name: arena\nteam: scouts\n", 7, "goal_grid", "0.1.0", "coop evaluate --policy goal_grid")
@@ -75,11 +75,14 @@ def test_frames_are_exact_and_their_maps_at_most_a_second_old(tmp_path: Path, fr
     assert len(read) == len(frames)
     for k, (got, frame) in enumerate(zip(read, frames, strict=True)):
         arrays, expected = frame_to_arrays(got), frame_to_arrays(frame)
-        assert all(same(arrays[name], expected[name]) for name in expected if name not in MAP_FIELDS)
+        assert all(same(arrays[name], expected[name]) for name in expected if name not in MAP_FIELDS + VOLUME_FIELDS)
         recent = frames[max(0, k - 5) : k + 1]
         assert any(same(got.map_ground, other.map_ground) for other in recent)
     assert same(read[-1].map_ground, frames[-1].map_ground)
     assert same(read[-1].map_obstacle, frames[-1].map_obstacle)
+    assert [len(frame.map_volume) for frame in read[:-1]] == [0] * (len(frames) - 1)
+    assert same(read[-1].map_volume, frames[-1].map_volume)
+    assert read[-1].volume_floor_m == frames[-1].volume_floor_m
 
 
 def test_a_standard_reader_finds_plottable_numbers(tmp_path: Path, frames: list[Frame]) -> None:
@@ -161,7 +164,7 @@ def test_bad_input_is_told_in_one_line(tmp_path: Path, frames: list[Frame]) -> N
         with pytest.raises(ConfigError, match="time_s"):
             log.write_frame(frames[0])
         with pytest.raises(ConfigError, match="topic"):
-            log.write_arrays("/frame", 1.0, {})
+            log.write_arrays("/points", 1.0, {})
 
 
 def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path) -> None:

@@ -6,11 +6,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coop_envs.agents.catalog import load_team
 from coop_envs.errors import require
 from coop_envs.policy import TeamDescription
-from coop_envs.recording import Frame, WorldPicture
+from coop_envs.recording import Frame, Scan, WorldPicture
 
 DECISION_S, LIMIT_S = 0.2, 20.0
 
@@ -47,7 +48,7 @@ class FakeTeam:
     def coverage(self) -> float:
         return min(1.0, self.time_s * (self.seed + 1) / 50.0)
 
-    def frame(self) -> Frame:
+    def frame(self, volume: bool = False) -> Frame:
         n = len(self.team_description.names)
         return Frame(
             time_s=self.time_s,
@@ -64,22 +65,34 @@ class FakeTeam:
             range_m=np.ones(n),
             body_radius_m=np.full(n, 0.05),
             sees=np.zeros((n, n), dtype=np.bool_),
+            scanning=np.zeros(n, dtype=np.bool_),
+            points_m=self.scan().points_m,
+            point_sigma_m=self.scan().point_sigma_m,
+            point_robots=self.scan().point_robots,
             map_ground=np.full((10, 10), 128, dtype=np.uint8),
             map_obstacle=np.full((10, 10), 128, dtype=np.uint8),
+            map_volume=np.full((2 * volume, 10, 10), 128, dtype=np.uint8),
             T_world_map=np.zeros(3),
             cell_m=0.05,
+            volume_floor_m=0.0,
             energy_j=15.0 * self.time_s,
             action_energy_j=self.time_s,
             information_bits=100.0 * self.coverage,
             coverage=self.coverage,
         )
 
+    def scan(self) -> Scan:
+        """One point a decision, in a row along x."""
+        at = [[0.01 * self.decisions, 0.1, 0.2]]
+        return Scan(np.array(at), np.array([0.01]), np.array([[0, 0, 1]], dtype=np.int16))
+
     def world_picture(self) -> WorldPicture:
         heights = np.zeros((11, 11), dtype=np.float32)
         return WorldPicture(heights, (0.0, 0.0), 0.05, (), None, ((0.1, 0.1, 0.0),), (0.0, 0.0, 0.5, 0.5))
 
-    def metrics(self) -> dict[str, Any]:
+    def metrics(self, points_m: NDArray[np.float64] | None) -> dict[str, Any]:
         return {
+            **({} if points_m is None else {"points_measured": len(points_m), "reach_m": float(points_m[:, 0].max())}),
             "coverage": self.coverage,
             "information_bits": 100.0 * self.coverage,
             "energy_j": 15.0 * self.time_s,

@@ -12,11 +12,12 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from coop_envs.errors import ConfigError
 from coop_envs.recording import EpisodeReader
-from tests.train.fake_team import LIMIT_S, make_env
+from tests.train.fake_team import DECISION_S, LIMIT_S, make_env
 from train.episode import coverage_times
 from train.evaluate import Options, evaluate
 from train.results import METRICS
@@ -75,6 +76,25 @@ def test_logs_hold_a_frame_each_second(options):
     log = EpisodeReader(options.out / "episodes" / "still_policy_0000.mcap")
     times = [frame.time_s for frame in log.frames()]
     assert times == [float(second) for second in range(int(LIMIT_S) + 1)]
+
+
+def test_every_point_is_kept_though_frames_come_once_a_second(options):
+    options = dataclasses.replace(options, episodes=1, team="surveyors")
+    assert evaluate(options, "", make_env) == 0
+    decisions = round(LIMIT_S / DECISION_S)
+    row = results(options.out)["policies"]["still_policy"]["episodes"][0]
+    assert row["points_measured"] == decisions + 1
+    assert row["reach_m"] == pytest.approx(0.01 * decisions)
+    frames = list(EpisodeReader(options.out / "episodes" / "still_policy_0000.mcap").frames())
+    assert [len(frame.scan) for frame in frames] == [1] + [5] * int(LIMIT_S)
+    assert [len(frame.map_volume) for frame in frames] == [0] * int(LIMIT_S) + [2]
+    x = np.concatenate([frame.points_m[:, 0] for frame in frames])
+    np.testing.assert_allclose(x, 0.01 * np.arange(decisions + 1))
+
+
+def test_teams_without_lasers_report_no_points(options):
+    evaluate(dataclasses.replace(options, episodes=1), "", make_env)
+    assert "points_measured" not in results(options.out)["policies"]["still_policy"]["episodes"][0]
 
 
 def test_a_crashed_episode_counts_as_a_failure_and_the_rest_goes_on(options, monkeypatch, capsys):

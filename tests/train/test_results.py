@@ -46,6 +46,14 @@ def test_policies_are_compared_on_the_episodes_that_both_have():
     assert {entry["n"] for entry in found.values()} == {2}
 
 
+def test_information_is_compared_per_joule_of_all_episodes_together():
+    a = [row(0, information_bits=100.0, action_energy_j=10.0), row(1, information_bits=0.0, action_energy_j=40.0)]
+    b = [row(0, information_bits=50.0, action_energy_j=10.0), row(1, information_bits=50.0, action_energy_j=10.0)]
+    found = {entry["metric"]: entry for entry in comparisons(a, b)}
+    assert found["bits_per_action_joule"]["value"] == pytest.approx(100 / 50 - 100 / 20)
+    assert "bits_per_joule" not in found
+
+
 def test_a_crash_lowers_the_rate_but_invents_no_energy():
     found = summary([row(0, success=True, energy_j=5.0, coverage=1.0), row(1, **CRASHED)])
     assert found["success"]["value"] == 0.5

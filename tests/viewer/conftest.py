@@ -9,6 +9,7 @@ from coop_envs.recording.frame import Frame, HazardPicture, WorldPicture, frame_
 
 NAMES = ("observer_0", "picket_0", "picket_1", "picket_2", "picket_3")
 CELL_M = 0.05
+POINTS = 5
 
 
 def arena() -> WorldPicture:
@@ -38,6 +39,13 @@ def path(i: int, t: float) -> tuple[float, float, float]:
     return -0.06, 0.30, 0.0
 
 
+def points(rng: np.random.Generator, k: int) -> np.ndarray:
+    """Points on the floor, and every third time on the wall at the right."""
+    floor = rng.uniform((0.1, 0.05, 0.0), (0.7, 0.55, 0.002), (POINTS, 3))
+    wall = rng.uniform((0.745, 0.05, 0.02), (0.75, 0.55, 0.25), (POINTS, 3))
+    return wall if k % 3 == 0 else floor
+
+
 def episode(count: int = 120) -> list[Frame]:
     rng = np.random.default_rng(7)
     ground = np.full((26, 14), 128, np.uint8)
@@ -53,6 +61,7 @@ def episode(count: int = 120) -> list[Frame]:
         for i in range(3):
             u, v = ((belief[i, :2] - (-0.5, -0.05)) / CELL_M).astype(int)
             ground[u - 1 : u + 1, v - 1 : v + 1] = np.maximum(ground[u - 1 : u + 1, v - 1 : v + 1], 235)
+        obstacle[8:20, 2:12] = 60
         if t > 0.7:
             ground[16:18, 6:8] = (30, 70)
             obstacle[24:26, 3:11] = 230
@@ -81,8 +90,14 @@ def episode(count: int = 120) -> list[Frame]:
                     "range_m": [3.0, 0, 0, 0, 0],
                     "body_radius_m": [0.07, 0.05, 0.05, 0.05, 0.05],
                     "sees": sees,
+                    "scanning": [k % 20 < 10, k % 20 < 10, False, False, False],
+                    "points_m": points(rng, k),
+                    "point_sigma_m": np.full(POINTS, 0.01),
+                    "point_robots": np.tile((k % 2, 0, 1), (POINTS, 1)),
                     "map_ground": ground,
                     "map_obstacle": obstacle,
+                    "map_volume": np.full((4, 26, 14), 128, np.uint8),
+                    "volume_floor_m": -0.075,
                     "T_world_map": (-0.5, -0.05, 0.0),
                     "cell_m": CELL_M,
                     "energy_j": 15.0 * 0.2 * k,

@@ -16,9 +16,14 @@ RECORDED = [
         "coverage",
         "mapped_m2",
         "information_bits",
+        "volume_bits",
+        "points_measured",
+        "point_error_m",
+        "point_error_95_m",
         "energy_j",
         "action_energy_j",
         "bits_per_joule",
+        "bits_per_action_joule",
         "hazards_found",
     ),
     *("pickets_lost", "observer_survived", "position_drift_m", "heading_drift_deg", "drift_percent_of_path", "nees"),
@@ -43,8 +48,16 @@ def arguments() -> dict[str, Any]:
             "a & b": [episode(0), {"seed": 1, "success": False, "error": "ActionError: not <finite>"}],
         },
         "aggregates": {policy: dict.fromkeys(RECORDED, interval) for policy in ("goal_grid", "a & b")},
-        "pictures": {"goal_grid": [("seed 0", np.zeros((40, 60, 3), np.uint8))]},
+        "pictures": {"goal_grid": [("seed 0", [np.zeros((40, 60, 3), np.uint8), np.zeros((30, 30, 3), np.uint8)])]},
+        "comparisons": [
+            {"a": "goal_grid", "b": "a & b", "metric": "coverage", "value": 0.2, "low": 0.1, "high": 0.3, "n": 6},
+            {"a": "goal_grid", "b": "a & b", "metric": "energy_j", "value": 7.0, "low": -1.0, "high": None, "n": 2},
+        ],
     }
+
+
+def changed(**entries: Any) -> dict[str, Any]:
+    return {**arguments(), **entries}
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +117,7 @@ def test_the_report_needs_nothing_else(html: str) -> None:
     page = Page(html)
     assert not {"script", "link", "iframe"} & {tag for tag, _ in page.tags}
     images = [attributes["src"] or "" for tag, attributes in page.tags if tag == "img"]
-    assert len(images) == 4 + 2 + 1
+    assert len(images) == 5 + 3 + 2
     assert all(source.startswith("data:image/png;base64,iVBOR") for source in images)
 
 
@@ -114,9 +127,29 @@ def test_values_are_shown_in_their_units(html: str) -> None:
     assert "Position drift cm ↓ 25.0 12.5 to 50.0" in text
 
 
+def test_differences_between_policies_are_told_and_clear_ones_stand_out(html: str) -> None:
+    text = " ".join(Page(html).text.split())
+    assert "goal_grid − a & b" in text
+    assert "Coverage % ↑ 20.0 10.0 to 30.0" in text
+    assert "Energy J ↓ 7 -1 to –" in text
+    assert '<span class="value">20.0</span>' in html
+    assert '<span class="unclear">7</span>' in html
+    assert Metric("name", "Label").interval({"low": 1.0, "high": 1.0, "n": 1}) == "1 episode"
+    assert not Metric.is_clear({"low": 1.0, "high": 1.0, "n": 5})
+    assert "against each other" not in render(**changed(comparisons=(), results={}, aggregates={}, pictures={}))
+
+
 @pytest.mark.parametrize(
     ("value", "expected"),
-    [(True, "yes"), (3, "3"), (1234.5, "1,234.50"), (float("nan"), "–"), (None, "–"), (float("inf"), "–")],
+    [
+        (True, "yes"),
+        (3, "3"),
+        (1234.5, "1,234.50"),
+        (float("nan"), "–"),
+        (None, "–"),
+        (float("inf"), "–"),
+        (-0.001, "0.00"),
+    ],
 )
 def test_values_read_well(value: object, expected: str) -> None:
     assert Metric("name", "Label").text(value) == expected
@@ -128,6 +161,15 @@ def test_unknown_metrics_and_nothing_at_all_are_reported() -> None:
     assert "t90_s" in render(**given)
     nothing = render(title="Nothing", command="", environment={}, results={}, aggregates={}, pictures={})
     assert Page(nothing).open == []
+
+
+def test_many_pairs_of_policies_fill_several_tables() -> None:
+    names = ["a", "b", "c", "d"]
+    pairs = [(a, b) for k, a in enumerate(names) for b in names[k + 1 :]]
+    entries = [{"a": a, "b": b, "metric": "coverage", "value": 0.0, "low": -1, "high": 1, "n": 5} for a, b in pairs]
+    text = Page(render(**changed(comparisons=entries, results={}, aggregates={}, pictures={}))).text
+    assert text.count("Difference per episode") == 2
+    assert all(f"{a} − {b}" in text for a, b in pairs)
 
 
 def test_a_failed_report_leaves_the_old_one(tmp_path: Path) -> None:

@@ -71,8 +71,14 @@ def one_hazard_cell(T_world_map: tuple[float, float, float]) -> Frame:
         range_m=nobody,
         body_radius_m=nobody,
         sees=nobody.reshape(0, 0).astype(bool),
+        scanning=nobody.astype(np.bool_),
+        points_m=np.empty((0, 3)),
+        point_sigma_m=nobody,
+        point_robots=np.empty((0, 3), np.int16),
         map_ground=ground,
         map_obstacle=np.full((4, 3), 128, np.uint8),
+        map_volume=np.empty((0, *ground.shape), np.uint8),
+        volume_floor_m=0.0,
         T_world_map=np.array(T_world_map),
         cell_m=0.1,
         energy_j=0.0,
@@ -85,7 +91,13 @@ def one_hazard_cell(T_world_map: tuple[float, float, float]) -> Frame:
 def test_unknown_ground_is_left_alone(frames: list[Frame]) -> None:
     picture = np.full((400, 400, 3), 77, np.uint8)
     unknown = np.full((5, 5), 128, np.uint8)
-    tint_ground(picture, VIEW, dataclasses.replace(frames[0], map_ground=unknown, map_obstacle=unknown))
+    tint_ground(
+        picture,
+        VIEW,
+        dataclasses.replace(
+            frames[0].without_maps(), map_ground=unknown, map_obstacle=unknown, map_volume=unknown[None][:0]
+        ),
+    )
     assert (picture == 77).all()
 
 

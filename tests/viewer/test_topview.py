@@ -73,7 +73,7 @@ def test_unusual_frames_are_drawn(world: WorldPicture, frames: list[Frame]) -> N
         {"true_xy_yaw": nowhere},
         {"true_xy_yaw": nowhere, "belief_xy_yaw": nowhere},
         {"belief_cov_xy": np.full((5, 2, 2), np.nan)},
-        {"map_ground": empty, "map_obstacle": empty},
+        {"map_ground": empty, "map_obstacle": empty, "map_volume": empty[None][:0]},
         {"fov_rad": np.zeros(5)},
         {"range_m": np.full(5, math.inf)},
         *({"status": np.full(5, status)} for status in range(6)),

@@ -32,7 +32,7 @@ def test_all_of_a_small_world_is_shown(world: WorldPicture, frames: list[Frame])
 def test_of_a_large_world_what_the_episode_reached_is_shown(frames: list[Frame]) -> None:
     far = [
         dataclasses.replace(
-            frame, **{name: getattr(frame, name) + (20, 1, 0) for name in ("true_xy_yaw", "belief_xy_yaw")}
+            frame, **{name: getattr(frame, name) + (20, 1, 0) for name in ("true_xy_yaw", "belief_xy_yaw", "points_m")}
         )
         for frame in frames
     ]
