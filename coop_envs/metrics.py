@@ -5,29 +5,26 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import warp as wp
 from numpy.typing import NDArray
 
 from coop_envs.batch import TeamBatch
 from coop_envs.estimation.belief import Declared
-from coop_envs.mapping.ground_map import GROUND, VOLUME, GroundMap, MapModel, evidence_at
-from coop_envs.mapping.information import cell_information_ubit, held_ubit
-from coop_envs.point_accuracy import surface_distance_m
-from coop_envs.scoring import MAPPED, Truth, solid_at, truth_cell
-from coop_envs.simulation.state import State, Status
+from coop_envs.mapping.ground_map import GROUND
+from coop_envs.recording.scan import Scan
+from coop_envs.scan_metrics import scan_metrics, volume_bits
+from coop_envs.scoring import MAPPED
+from coop_envs.simulation.state import Status
 from coop_envs.worlds.world import Hazard, World
-
-wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 LEAST_PATH_M, AT_EDGE_M = 0.1, 0.005
 
 
-def episode_metrics(batch: TeamBatch, b: int, points_m: NDArray[np.float64] | None = None) -> dict[str, Any]:
+def episode_metrics(batch: TeamBatch, b: int, scan: Scan | None = None) -> dict[str, Any]:
     """Metrics of team b's episode so far: SI units, drift of the first observer, counts from truth.
 
-    ``points_m`` (k, 3) are all points that the team measured, in the world, if somebody kept them. Drift is put to the
-    path only where the observer went somewhere. ``nees`` is the mean over robots and decisions of the squared
-    Mahalanobis distance of believed poses over its six degrees of freedom: 1 expected.
+    ``scan`` holds all points that the team measured, if somebody kept them. Drift is put to the path only where the
+    observer went somewhere. ``nees`` is the mean over robots and decisions of the squared Mahalanobis distance of
+    believed poses over its six degrees of freedom: 1 expected.
     """
     team, world = batch.scenario.team, batch.pool.worlds[int(batch.state.world.numpy()[b])]
     status, declared = batch.state.status.numpy()[b], batch.belief.declared.numpy()[b]
@@ -65,43 +62,8 @@ def episode_metrics(batch: TeamBatch, b: int, points_m: NDArray[np.float64] | No
         "path_m": path_m,
         "simulated_s": float(batch.state.tick.numpy()[b]) * batch.scenario.rates.tick_s,
         "success": bool(score.success.numpy()[b]) and not bool(np.any(lost & ~picket)),
-        **({} if points_m is None else point_metrics(world, points_m)),
+        **({} if scan is None else scan_metrics(batch, b, scan)),
     }
-
-
-def point_metrics(world: World, points_m: NDArray[np.float64]) -> dict[str, Any]:
-    """How many points (k, 3) were measured, and the median and 95th percentile of their distances to the surface."""
-    distance = surface_distance_m(world, points_m)
-    median, most = (float(np.quantile(distance, q)) for q in (0.5, 0.95)) if len(distance) else (None, None)
-    return {"points_measured": len(points_m), "point_error_m": median, "point_error_95_m": most}
-
-
-@wp.kernel
-def sum_volume(
-    state: State, ground: GroundMap, truth: Truth, model: MapModel, table: wp.array[int], b: int,
-    total: wp.array[wp.int64],
-):  # fmt: skip
-    """Micro-bits held by a team's volume; one thread a cell of the plan."""
-    cell = wp.tid()
-    w = state.world[b]
-    frame = state.frame[b]
-    place = truth_cell(truth, w, frame, ground, model, b, cell)
-    held = int(0)
-    for level in range(model.levels):
-        evidence = evidence_at(ground, b, VOLUME + level, cell)
-        if evidence != 0:
-            held = held + held_ubit(table, evidence, solid_at(truth, w, frame, model, place, level))
-    if held != 0:
-        wp.atomic_add(total, 0, wp.int64(held))
-
-
-def volume_bits(batch: TeamBatch, b: int) -> float:
-    """The part of the information that the volume holds."""
-    total = wp.zeros(1, dtype=wp.int64, device=batch.device)
-    table = wp.array(cell_information_ubit(), dtype=int, device=batch.device)
-    inputs = [batch.state, batch.map, batch.truth, batch.map_model, table, b, total]
-    wp.launch(sum_volume, batch.map_model.nx * batch.map_model.ny, inputs=inputs, device=batch.device)
-    return float(total.numpy()[0]) * 1e-6
 
 
 def observer_drift(batch: TeamBatch, b: int) -> tuple[float, float]:

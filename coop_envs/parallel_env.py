@@ -196,9 +196,9 @@ class ExplorationParallelEnv(ParallelEnv[str, Observation, NDArray[np.float32]])
         """The points measured in the last decision, for viewers and logs."""
         return team_scan(self.batch, 0)
 
-    def metrics(self, points_m: NDArray[np.float64] | None = None) -> dict[str, Any]:
+    def metrics(self, scan: Scan | None = None) -> dict[str, Any]:
         """The episode so far in numbers; see `metrics.episode_metrics`."""
-        return episode_metrics(self.batch, 0, points_m)
+        return episode_metrics(self.batch, 0, scan)
 
     def render(self) -> NDArray[np.uint8] | None:
         """The top view (height, width, 3), truth and belief together."""

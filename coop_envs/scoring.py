@@ -176,11 +176,10 @@ def solid_at(truth: Truth, w: int, frame: wp.vec4, model: MapModel, place: int, 
     low = (frame[2] + model.floor + float(level) * model.cell - truth.base[w]) / truth.slab
     first = wp.max(int(wp.ceil(low - 0.5)), 0)
     last = wp.min(int(wp.ceil(low + model.cell / truth.slab - 0.5)) - 1, 63)
-    bits = truth.solid[place]
+    found = wp.uint64(0)
     for k in range(first, last + 1):
-        if (bits >> wp.uint64(k)) & wp.uint64(1) == wp.uint64(1):
-            return True
-    return False
+        found = found | (truth.solid[place] >> wp.uint64(k))
+    return (found & wp.uint64(1)) != wp.uint64(0)
 
 
 @wp.func

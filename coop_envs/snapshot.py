@@ -70,6 +70,7 @@ def team_frame(batch: TeamBatch, b: int, volume: bool = False) -> Frame:
         points_m=scan.points_m,
         point_sigma_m=scan.point_sigma_m,
         point_robots=scan.point_robots,
+        point_eyes_m=scan.point_eyes_m,
         map_ground=ground,
         map_obstacle=obstacle,
         map_volume=_chances(levels, batch),
@@ -91,12 +92,17 @@ def team_scan(batch: TeamBatch, b: int) -> Scan:
     found = points.answer.numpy()[b] == int(OK)
     x, y, z, yaw = (float(v) for v in batch.state.frame.numpy()[b])
     variance = np.trace(points.covariance.numpy()[b, found].astype(float), axis1=1, axis2=2)
+    cameras = points.cameras.numpy()[b, found]
+    R, p = batch.belief.rotation.numpy()[b, cameras], batch.belief.position.numpy()[b, cameras]
+    mounted = np.array([m.camera.position_m if m.camera else (0.0, 0.0, 0.0) for m in batch.scenario.team.members])
+    eyes = p + np.einsum("keij,kej->kei", R, mounted[cameras])
     lit = batch.command.laser.numpy()[b][:, found] > 0.0
     laser = np.where(lit.any(axis=0), lit.argmax(axis=0), -1)
     return Scan(
         points_m=points.position.numpy()[b, found].astype(float) @ _turn(yaw).T + (x, y, z),
         point_sigma_m=np.sqrt(variance),
-        point_robots=np.column_stack([laser, points.cameras.numpy()[b, found]]).astype(np.int16),
+        point_robots=np.column_stack([laser, cameras]).astype(np.int16),
+        point_eyes_m=eyes @ _turn(yaw).T + (x, y, z),
     )
 
 

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from coop_envs.policy import Observations, Policy, load_policy
 from coop_envs.recording import EpisodeWriter, Frame, LogMetadata, Scan, WorldPicture
@@ -90,9 +89,9 @@ class Track:
         read = {name: [float(f"{getattr(frame, name):.6g}") for frame in self._frames] for name in SERIES}
         return {**read, "pickets_lost": [_pickets_lost(frame) for frame in self._frames]}
 
-    def points_m(self) -> NDArray[np.float64]:
-        """All points measured (k, 3), world frame."""
-        return Scan.joined([frame.scan for frame in self._frames]).points_m
+    def scan(self) -> Scan:
+        """All points measured."""
+        return Scan.joined([frame.scan for frame in self._frames])
 
     def pictures(self, world: WorldPicture) -> tuple[Picture, Picture]:
         """The top view and the 3-D picture at the end, of the part of the world that the episode reached."""
@@ -131,7 +130,7 @@ def run_episode(job: EpisodeJob) -> Row:
             _film(job, env, decisions)
         deque(decisions, maxlen=0)
         scans = any(member.laser is not None for member in env.team_description.members)
-        metrics, world = env.metrics(track.points_m() if scans else None), env.world_picture()
+        metrics, world = env.metrics(track.scan() if scans else None), env.world_picture()
         limit_s = env.team_description.time_limit_s
     series = track.series()
     row = identity(job) | {"status": "finished", "error": None} | metrics | coverage_times(series, limit_s)

@@ -21,6 +21,12 @@ def cell_information_ubit() -> NDArray[np.int32]:
     return np.rint(MICRO * (1.0 - entropy)).astype(np.int32)
 
 
+def information_bits(log_odds: NDArray[np.int8], facts: NDArray[np.bool_]) -> float:
+    """Bits that cells (n,) of these log-odds hold: what leans to the facts counts, what leans away counts against."""
+    held = cell_information_ubit()[log_odds.astype(np.int64) + 128]
+    return float(np.where((log_odds > 0) == facts, held, -held).sum()) / MICRO
+
+
 @wp.func
 def held_ubit(table: wp.array[int], log_odds: int, truth: bool) -> int:
     """Micro-bits that a cell holds: positive where it leans to the truth, negative where it leans away."""

@@ -37,6 +37,7 @@ _ARRAYS: dict[str, tuple[type[np.generic], tuple[str, ...]]] = {
     "points_m": (np.float64, ("k", "3")),
     "point_sigma_m": (np.float64, ("k",)),
     "point_robots": (np.int16, ("k", "3")),
+    "point_eyes_m": (np.float64, ("k", "2", "3")),
     "map_ground": (np.uint8, ("nx", "ny")),
     "map_obstacle": (np.uint8, ("nx", "ny")),
     "map_volume": (np.uint8, ("levels", "nx", "ny")),
@@ -84,9 +85,10 @@ class Frame:
     scanning: NDArray[np.bool_]
     """Draws a raster with its laser."""
     points_m: NDArray[np.float64]
-    """Points measured since the frame before, (k, 3); these and the next two are those of a `Scan`."""
+    """Points measured since the frame before, (k, 3); these and the next three are those of a `Scan`."""
     point_sigma_m: NDArray[np.float64]
     point_robots: NDArray[np.int16]
+    point_eyes_m: NDArray[np.float64]
     map_ground: NDArray[np.uint8]
     """255 P(the ground carries robots): 128 unknown, 255 proven, 0 hazard."""
     map_obstacle: NDArray[np.uint8]
@@ -119,7 +121,7 @@ class Frame:
     @property
     def scan(self) -> Scan:
         """The points measured since the frame before."""
-        return Scan(self.points_m, self.point_sigma_m, self.point_robots)
+        return Scan(self.points_m, self.point_sigma_m, self.point_robots, self.point_eyes_m)
 
     def with_scan(self, scan: Scan) -> Frame:
         """The frame with these points in place of its own."""

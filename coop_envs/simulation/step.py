@@ -60,9 +60,7 @@ def meet_hazards(state: State, model: RobotModel, hazards: Hazards, b: int, r: i
 
 
 @wp.func
-def draw_power(
-    state: State, command: Command, model: RobotModel, b: int, r: int, t: int, steering: float, dt: float
-):
+def draw_power(state: State, command: Command, model: RobotModel, b: int, r: int, t: int, steering: float, dt: float):
     """Take one tick's energy from the battery (eq 6.16): idle, motion, markers, scanner.
 
     Motion is what the wheels do, whether the robot gets anywhere or not; rolling downhill cannot charge the battery.

@@ -12,6 +12,7 @@ from coop_envs.mapping.ground_map import GROUND
 from coop_envs.metrics import volume_bits
 from coop_envs.point_accuracy import surface_distance_m
 from coop_envs.recording import Scan
+from coop_envs.recording.scan import NO_SCAN
 
 
 @pytest.fixture(scope="module")
@@ -54,12 +55,15 @@ def test_each_point_is_told_with_its_laser_and_two_cameras(scanned):
 
 def test_metrics_tell_of_the_points(scanned):
     env, scans, counted, _ = scanned
-    points_m = Scan.joined(scans).points_m
-    metrics = env.metrics(points_m)
+    scan = Scan.joined(scans)
+    metrics = env.metrics(scan)
     assert metrics["points_measured"] == counted
     assert metrics["point_error_m"] < metrics["point_error_95_m"] < 0.3
     assert "points_measured" not in env.metrics()
-    assert env.metrics(points_m[:0])["point_error_m"] is None
+    assert metrics["survey_bits"] > 0.5 * metrics["volume_bits"], "at all heights, without what bodies add"
+    assert 0 < metrics["h_v"] < 2 * counted * 3.0 / 0.1
+    nothing = env.metrics(NO_SCAN)
+    assert nothing["point_error_m"] is None and nothing["h_v"] == nothing["survey_bits"] == 0.0
 
 
 def test_volume_and_ground_make_up_the_information(scanned):

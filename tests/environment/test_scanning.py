@@ -1,11 +1,13 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from tests.environment.scanning import Surveyors
 
-QUIET = {"sensing": {"dropout": 0.0, "outlier": 0.0}, "scanning": {"missed": 0.0, "false_spot": 0.0}}
+QUIET: dict[str, Any] = {"sensing": {"dropout": 0.0, "outlier": 0.0}, "scanning": {"missed": 0.0, "false_spot": 0.0}}
 
 
 def normalised_errors(teams: int, seed: int, decisions: int) -> list[np.ndarray]:
@@ -42,7 +44,8 @@ def test_spots_of_different_frames_do_not_pair():
 
 
 def test_a_team_with_one_camera_measures_no_range():
-    lone = Surveyors("corner", **{"team.members.picket_0.cameras": []})
+    blind: dict[str, Any] = {"team.members.picket_0.cameras": []}
+    lone = Surveyors("corner", **blind)
     assert not len(lone.scan(30)[0].points)
     assert lone.batch.measurements.spot_sigma.numpy()[0, 0].any(), "though its camera sees spots"
 
@@ -76,9 +79,10 @@ def test_scanning_costs_what_the_power_model_says():
 
 def test_badly_calibrated_cameras_cost_what_the_covariance_says():
     """Focal lengths off by 1 % and centres by 2 px, known as such: points err more, and their covariance knows."""
-    off = {"sensing": {**QUIET["sensing"], "calibration": {"focal_share": 0.01, "centre_px": 2.0}}}
-    known = {"estimation": {"focal_sigma": 0.01, "centre_sigma_px": 2.0}}
-    teams = [Surveyors("corner", teams=60, seed=7, **{**QUIET, **off, **extra}) for extra in ({}, known)]
+    off: dict[str, Any] = {"sensing": {**QUIET["sensing"], "calibration": {"focal_share": 0.01, "centre_px": 2.0}}}
+    nothing: dict[str, Any] = {}
+    known: dict[str, Any] = {"estimation": {"focal_sigma": 0.01, "centre_sigma_px": 2.0}}
+    teams = [Surveyors("corner", teams=60, seed=7, **{**QUIET, **off, **extra}) for extra in (nothing, known)]
     unaware, aware = (np.mean([s.normalised.mean() for s in t.scan(40) if len(s.points) > 20]) for t in teams)
     assert unaware > 1.5
     assert 0.6 < aware < 1.3

@@ -30,6 +30,7 @@ def random_frame(time_s: float, seed: int, robots: int = 3) -> Frame:
         "points_m": rng.normal(size=(seed % 4, 3)),
         "point_sigma_m": rng.random(seed % 4),
         "point_robots": rng.integers(-1, robots, (seed % 4, 3)),
+        "point_eyes_m": rng.normal(size=(seed % 4, 2, 3)),
         "map_ground": rng.integers(0, 256, (12, 7)),
         "map_obstacle": rng.integers(0, 256, (12, 7)),
         "map_volume": rng.integers(0, 256, (2, 12, 7)),

@@ -49,7 +49,15 @@ def test_a_wrong_shape_is_named(frames: list[Frame], name: str, value: object) -
 
 def test_a_frame_of_before_there_was_scanning_is_read_as_one_without(frames: list[Frame]) -> None:
     arrays = frame_to_arrays(frames[3])
-    for name in ("scanning", "points_m", "point_sigma_m", "point_robots", "map_volume", "volume_floor_m"):
+    for name in (
+        "scanning",
+        "points_m",
+        "point_sigma_m",
+        "point_robots",
+        "point_eyes_m",
+        "map_volume",
+        "volume_floor_m",
+    ):
         del arrays[name]
     frame = frame_from_arrays(arrays)
     assert len(frame.scan) == len(frame.map_volume) == 0

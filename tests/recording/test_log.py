@@ -120,7 +120,7 @@ def test_a_log_cut_short_is_read_up_to_the_cut(tmp_path: Path, frames: list[Fram
 def test_a_damaged_log_says_so(tmp_path: Path, frames: list[Frame]) -> None:
     path = write_episode(tmp_path / "episode.mcap", frames)
     data = bytearray(path.read_bytes())
-    data[len(data) // 2] ^= 0xFF
+    data[len(data) // 3] ^= 0xFF
     path.write_bytes(data)
     reader = EpisodeReader(path)
     read = list(reader.frames())

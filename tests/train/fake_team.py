@@ -6,7 +6,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from coop_envs.agents.catalog import load_team
 from coop_envs.errors import require
@@ -69,6 +68,7 @@ class FakeTeam:
             points_m=self.scan().points_m,
             point_sigma_m=self.scan().point_sigma_m,
             point_robots=self.scan().point_robots,
+            point_eyes_m=self.scan().point_eyes_m,
             map_ground=np.full((10, 10), 128, dtype=np.uint8),
             map_obstacle=np.full((10, 10), 128, dtype=np.uint8),
             map_volume=np.full((2 * volume, 10, 10), 128, dtype=np.uint8),
@@ -84,15 +84,15 @@ class FakeTeam:
     def scan(self) -> Scan:
         """One point a decision, in a row along x."""
         at = [[0.01 * self.decisions, 0.1, 0.2]]
-        return Scan(np.array(at), np.array([0.01]), np.array([[0, 0, 1]], dtype=np.int16))
+        return Scan(np.array(at), np.array([0.01]), np.array([[0, 0, 1]], dtype=np.int16), np.zeros((1, 2, 3)))
 
     def world_picture(self) -> WorldPicture:
         heights = np.zeros((11, 11), dtype=np.float32)
         return WorldPicture(heights, (0.0, 0.0), 0.05, (), None, ((0.1, 0.1, 0.0),), (0.0, 0.0, 0.5, 0.5))
 
-    def metrics(self, points_m: NDArray[np.float64] | None) -> dict[str, Any]:
+    def metrics(self, scan: Scan | None) -> dict[str, Any]:
         return {
-            **({} if points_m is None else {"points_measured": len(points_m), "reach_m": float(points_m[:, 0].max())}),
+            **({} if scan is None else {"points_measured": len(scan), "reach_m": float(scan.points_m[:, 0].max())}),
             "coverage": self.coverage,
             "information_bits": 100.0 * self.coverage,
             "energy_j": 15.0 * self.time_s,

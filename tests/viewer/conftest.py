@@ -94,6 +94,7 @@ def episode(count: int = 120) -> list[Frame]:
                     "points_m": points(rng, k),
                     "point_sigma_m": np.full(POINTS, 0.01),
                     "point_robots": np.tile((k % 2, 0, 1), (POINTS, 1)),
+                    "point_eyes_m": np.zeros((POINTS, 2, 3)),
                     "map_ground": ground,
                     "map_obstacle": obstacle,
                     "map_volume": np.full((4, 26, 14), 128, np.uint8),

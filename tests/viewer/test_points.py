@@ -49,6 +49,7 @@ def test_a_ray_runs_from_the_laser_to_its_point(world: WorldPicture, frames: lis
         points_m=np.array([[0.3, 0.3, 0.0], [0.5, 0.1, 0.0]]),
         point_sigma_m=np.zeros(2),
         point_robots=np.array([[0, 0, 1], [-1, 0, 1]]),
+        point_eyes_m=np.zeros((2, 2, 3)),
         scanning=np.array([False, False, True, False, False]),
     )
     view = View.fit(world.bounds, 480)
@@ -91,7 +92,11 @@ def test_the_window_holds_the_points_but_not_the_false_ones(frames: list[Frame])
     points = np.column_stack([np.linspace(0.0, 5.0, 1000), np.zeros(1000), np.zeros(1000)])
     points[7] = (19.0, 19.0, 0.0)
     many = dataclasses.replace(
-        frames[0], points_m=points, point_sigma_m=np.zeros(1000), point_robots=np.zeros((1000, 3))
+        frames[0],
+        points_m=points,
+        point_sigma_m=np.zeros(1000),
+        point_robots=np.zeros((1000, 3)),
+        point_eyes_m=np.zeros((1000, 2, 3)),
     )
     x_min, _, x_max, y_max = episode_window(wide, [many])
     assert x_min < 0.0

@@ -75,6 +75,7 @@ def one_hazard_cell(T_world_map: tuple[float, float, float]) -> Frame:
         points_m=np.empty((0, 3)),
         point_sigma_m=nobody,
         point_robots=np.empty((0, 3), np.int16),
+        point_eyes_m=np.empty((0, 2, 3)),
         map_ground=ground,
         map_obstacle=np.full((4, 3), 128, np.uint8),
         map_volume=np.empty((0, *ground.shape), np.uint8),
