@@ -218,8 +218,8 @@ def load_scenario(source: str | Path | Scenario, **overrides: Any) -> Scenario:
     """A scenario by name, YAML file or as it is, with entries replaced.
 
     Overrides are names of entries, dotted to reach inside, or nested mappings. ``team`` takes a preset's name, a YAML
-    file or a mapping; ``world`` takes a mesh or a .png height map, which replaces the geometry and makes
-    coverage the task.
+    file or a mapping; ``world`` takes a mesh or a .png height map, which replaces the geometry, makes
+    coverage the task and surveyors the team unless ``team`` names another.
     Raises: `ConfigError` in one line.
     """
     if isinstance(source, Scenario) and not overrides:
@@ -290,14 +290,16 @@ def _read(source: str | Path) -> dict[str, Any]:
 
 
 def _mesh_overrides(path: str) -> dict[str, Any]:
-    """Changes that make a file the world: a height map if it is a .png, else a mesh."""
+    """Changes that make a file the world: a height map if it is a .png, else a mesh. Its ground may roll."""
     picture = Path(path).suffix.lower() == ".png"
     return {
         "name": Path(path).stem,
         "description": f"The {'height map' if picture else 'mesh'} {Path(path).name}; map what can be reached.",
         "environment": {"geometry": {"kind": "height_map" if picture else "mesh_file", "path": path}},
         "task": {"success": "coverage"},
-        "map": {"ego_stride": 4},
+        "team": "surveyors",
+        "map": {"ego_stride": 2, "levels": 16, "floor_m": -0.375, "step_levels": 1},
+        "reward": {"information_per_bit": 0.01},
     }
 
 

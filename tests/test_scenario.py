@@ -98,7 +98,7 @@ def test_a_scenario_is_taken_as_it_is_or_changed():
 
 def test_a_world_file_replaces_the_geometry_and_makes_coverage_the_task():
     scenario = load_scenario("arena", world="somewhere/hall.ply", **{"environment.geometry.scale": 0.001})
-    assert (scenario.name, scenario.task.success, scenario.map.ego_stride) == ("hall", "coverage", 4)
+    assert (scenario.name, scenario.task.success, scenario.team.name) == ("hall", "coverage", "surveyors")
     assert scenario.environment.geometry == MeshFileGeometry("somewhere/hall.ply", scale=0.001)
     with pytest.raises(WorldError, match=r"environment\.geometry\.path: .*a file that exists"):
         scenario_world(scenario)
@@ -107,7 +107,8 @@ def test_a_world_file_replaces_the_geometry_and_makes_coverage_the_task():
 def test_a_png_is_a_height_map():
     scenario = load_scenario("arena", world="somewhere/hills.PNG", **{"environment.geometry.pixel_m": 0.05})
     assert scenario.environment.geometry == HeightMapGeometry("somewhere/hills.PNG", pixel_m=0.05)
-    assert (scenario.name, scenario.task.success, scenario.map.ego_stride) == ("hills", "coverage", 4)
+    assert (scenario.name, scenario.task.success, scenario.team.name) == ("hills", "coverage", "surveyors")
+    assert load_scenario("arena", world="hills.png", team="scouts").team.name == "scouts"
 
 
 def test_a_scenario_is_read_from_a_file(tmp_path):

@@ -17,6 +17,8 @@ RECORDED = [
         "mapped_m2",
         "information_bits",
         "volume_bits",
+        "survey_bits",
+        "h_v",
         "points_measured",
         "point_error_m",
         "point_error_95_m",
