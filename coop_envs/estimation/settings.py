@@ -45,9 +45,9 @@ class Estimation:
     stuck_s: float = 3.0
     silent_s: float = 3.0
     hazard_mark_m: float = 0.10
-    start_position_m: float = 0.01
+    start_position_m: float = 0.005
     start_height_m: float = 0.02
-    start_yaw_rad: float = 0.06
+    start_yaw_rad: float = 0.03
     start_tilt_rad: float = 0.05
     start_ground_m: float = 0.10
     focal_sigma: float = 0.0

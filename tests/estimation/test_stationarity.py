@@ -41,7 +41,7 @@ def test_the_pose_of_a_robot_at_rest_does_not_move_with_its_imu():
     np.testing.assert_allclose(teams.belief("position"), before, atol=2e-3)
     grown = np.diagonal(teams.belief("pose_covariance") - P, axis1=-2, axis2=-1)[..., 3:]
     slip = teams.scenario.estimation.slip_position_m_rts**2 * 20.0
-    np.testing.assert_allclose(grown, slip, rtol=0.05)
+    np.testing.assert_allclose(grown, slip, rtol=0.1)
 
 
 def test_biases_walk_on_at_rest():

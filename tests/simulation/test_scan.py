@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -28,7 +29,7 @@ def bench(*, starts=((0.0, 0.0, 0.0), (0.2, 0.8, -0.5)), laser=LASER, robots=2, 
         replace(member, cameras=(CAMERA,), laser=laser if k == 0 else None) for k, member in enumerate(team.members)
     ]
     floor = trimesh.creation.box((8.0, 8.0, 0.02), trimesh.transformations.translation_matrix((0.0, 0.0, -0.01)))
-    scene = trimesh.util.concatenate([floor, mesh])
+    scene: Any = trimesh.util.concatenate([floor, mesh])
     world = world_of(starts=starts, mesh=Mesh(scene.vertices.astype(np.float32), scene.faces.astype(np.int32)))
     leds = led_model(noise_px=models.pop("noise_px", 1e-6))
     return physics_of(replace(team, members=tuple(members)), world, leds=leds, spots=spot_model(**models)), scene
