@@ -93,6 +93,19 @@ def one_team(repetitions: int, decisions: int) -> dict[str, float]:
     }
 
 
+def surveying(repetitions: int, decisions: int) -> dict[str, float]:
+    """Times real time of a `parallel_env` of three surveyors at `features`: scanning, and at rest with hats lit."""
+    env = exploration_v0.parallel_env("rubble", team="surveyors", fidelity="features")
+    scan, rest = (np.array([1, 0, 0, 0, ask, 0, -0.25, 1.0], dtype=np.float32) for ask in (1.0, 0.0))
+    rates: dict[str, list[float]] = {"scanning": [], "lit": []}
+    for repetition in range(repetitions):
+        env.reset(seed=repetition)
+        for name, action in (("lit", rest), ("scanning", scan)):
+            actions = dict.fromkeys(env.agents, action)
+            rates[name].append(DECISION_S / per_call_s(lambda _, plan=actions: env.step(plan), decisions))
+    return {name: statistics.median(values) for name, values in rates.items()}
+
+
 def many_teams(sizes: list[int], decisions: int) -> dict[str, float]:
     """Team-decisions/s of a `vector_env` by number of teams."""
     rates = {}
@@ -117,6 +130,7 @@ def measure(quick: bool) -> dict[str, Any]:
         "first_step_warm_s": statistics.median(stepped for _, stepped in warm),
         "first_step_cold_s": cold,
         "one_team": one_team(3 if quick else 9, 300),
+        "surveyors_times_real_time": surveying(3 if quick else 9, 300),
         "many_teams_per_s": many_teams([1, 32, 256] if quick else [1, 32, 1024], 10 if quick else 25),
     }
 
@@ -131,6 +145,9 @@ def show(figures: dict[str, Any]) -> None:
     rate = f"{one['decisions_per_s']:,.0f} team-decisions/s ({one['times_real_time']:,.0f} times real time)"
     table.add_row("one parallel_env", rate, "3,000 (600)")
     table.add_row("  of its kernels alone", f"{100 * one['share_of_kernels']:.0f} % of {one['kernels_per_s']:,.0f}", "")
+    survey = figures["surveyors_times_real_time"]
+    rate = f"{survey['scanning']:,.0f} times real time; hats lit {survey['lit']:,.0f}"
+    table.add_row("three surveyors in rubble, features, scanning at 30 Hz", rate, "50")
     for teams, rate in figures["many_teams_per_s"].items():
         table.add_row(f"vector_env, {teams} teams", f"{rate:,.0f} team-decisions/s", "")
     Console().print(table)
