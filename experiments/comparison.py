@@ -15,18 +15,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A quantity as we find it and as the thesis has it, None where it has none; ``remark`` says what differs."""
+    """A quantity as we find it and as the thesis has it: a number, what it says in words, or None.
+
+    What comes before a colon in ``quantity`` names the group that it belongs to.
+    """
 
     quantity: str
     unit: str
     ours: float
-    thesis: float | None = None
-    remark: str = ""
+    thesis: float | str | None = None
 
     @property
     def deviation_percent(self) -> float | None:
-        """How far ours is from the thesis's, None where there is nothing to compare with."""
-        return None if not self.thesis else 100.0 * (self.ours / self.thesis - 1.0)
+        """How far ours is from the thesis's, None where there is no number to compare with."""
+        if not self.thesis or isinstance(self.thesis, str):
+            return None
+        return 100.0 * (self.ours / self.thesis - 1.0)
 
 
 class Result(Protocol):
@@ -63,21 +67,32 @@ def silent(share: float) -> None:
 
 
 def terminal_table(result: Result) -> Table:
-    """The comparisons as a table for a terminal."""
+    """The comparisons as a table for a terminal, group by group."""
     table = Table(title=result.title, title_justify="left", caption=" ".join(result.notes), caption_justify="left")
     table.add_column("quantity", no_wrap=True)
-    for heading in ("ours", "thesis", "deviation"):
-        table.add_column(heading, justify="right")
-    table.add_column("unit")
-    if any(row.remark for row in result.comparisons):
-        table.add_column("remark")
+    compared = any(row.deviation_percent is not None for row in result.comparisons)
+    for heading in ("ours", "thesis", *["deviation"] * compared):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("unit", no_wrap=True)
+    last = ""
     for row in result.comparisons:
+        group, colon, quantity = row.quantity.rpartition(": ")
+        if group != last:
+            table.add_section()
+            table.add_row(f"[bold]{group}[/bold]")
+            last = group
         deviation = "" if row.deviation_percent is None else f"{row.deviation_percent:+.2f} %"
-        thesis = "" if row.thesis is None else f"{row.thesis:g}"
-        table.add_row(
-            row.quantity, f"{row.ours:.5g}", thesis, deviation, row.unit, *[row.remark][: len(table.columns) - 5]
-        )
+        thesis = row.thesis if isinstance(row.thesis, str) else "" if row.thesis is None else f"{row.thesis:g}"
+        name = f"  {quantity}" if colon else quantity
+        table.add_row(name, _short(row.ours), thesis, *[deviation] * compared, row.unit)
     return table
+
+
+def _short(value: float) -> str:
+    """Three figures of what is below 1, five of what is not, whole numbers from 10000 on."""
+    if abs(value) < 1:
+        return f"{value:.3g}"
+    return f"{value:.5g}" if abs(value) < 1e4 else f"{value:.0f}"
 
 
 def to_json(name: str, result: Result) -> str:

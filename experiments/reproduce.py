@@ -23,6 +23,7 @@ from experiments.comparison import Result, terminal_table, to_json
 EXPERIMENTS = {
     "figure-6.1": "experiments.figure_6_1",
     "figure-6.2": "experiments.figure_6_2",
+    "figure-6.6": "experiments.figure_6_6",
     "figure-6.7": "experiments.figure_6_7",
 }
 """Module by name: ``run(config, tick) -> table`` computes, ``plot(table) -> Figure`` draws."""
@@ -36,7 +37,7 @@ class Options:
     """
 
     names: tyro.conf.Positional[tuple[str, ...]] = ()
-    """Which: figure-6.1, figure-6.2, figure-6.7; all of them if none is named."""
+    """Which: figure-6.1, figure-6.2, figure-6.6, figure-6.7; all of them if none is named."""
     out: Path = Path("out/reproduce")
     """Folder for the pictures and figures."""
     json: bool = False

@@ -171,8 +171,8 @@ def timeline(trip: Trip, power: PowerModel) -> tuple[tuple[Scan, ...], list[Segm
     return scans, segments
 
 
-def energies_j(segment: Segment, power: PowerModel) -> tuple[float, float]:
-    """Energy of both robots together in a segment, eq (6.5): all of it, and all but the idle draw."""
+def energies_j(segment: Segment, power: PowerModel) -> tuple[float, float, float, float]:
+    """Energy of both robots together in a segment, eq (6.5): idling, motion, markers, scanner."""
     motion = markers = 0.0
     idle = 2 * power.robot[3][3] * segment.duration_s
     for v, omega in zip(segment.speeds, segment.yaw_rates, strict=True):
@@ -181,8 +181,7 @@ def energies_j(segment: Segment, power: PowerModel) -> tuple[float, float]:
         lit = (segment.markers, 1.0)
         markers += segment_energy_j(power.marker, lit, lit, segment.duration_s)
     x = (segment.galvo, segment.laser, 1.0)
-    whole = motion + markers + segment_energy_j(power.scanner, x, x, segment.duration_s)
-    return whole, whole - idle
+    return idle, motion - idle, markers, segment_energy_j(power.scanner, x, x, segment.duration_s)
 
 
 def phases(segments: Sequence[Segment]) -> list[str]:

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from coop_envs import cli
-from experiments.comparison import Comparison
+from experiments.comparison import Comparison, terminal_table
 from experiments.reproduce import EXPERIMENTS, main
 
 
@@ -49,3 +49,21 @@ def test_help_names_every_figure(capsys):
 def test_a_deviation_needs_something_to_deviate_from():
     assert Comparison("h_v", "d^3", 22.0, 20.0).deviation_percent == pytest.approx(10.0)
     assert Comparison("h_v", "d^3", 22.0).deviation_percent is None
+
+
+def test_what_the_thesis_says_in_words_is_shown_and_does_not_deviate():
+    class Words:
+        title, notes = "t", ()
+        comparisons = (Comparison("a: h_v", "d^3", 0.4, "below 0.5"), Comparison("b: h_v", "d^3", 12345.6))
+
+    table = terminal_table(Words())
+    assert [column.header for column in table.columns] == ["quantity", "ours", "thesis", "unit"]
+    assert list(table.columns[1].cells) == ["", "0.4", "", "12346"]
+    assert "below 0.5" in list(table.columns[2].cells)
+    assert Words.comparisons[0].deviation_percent is None
+
+
+@pytest.mark.slow
+def test_all_figures_at_once(tmp_path):
+    assert main(["--out", str(tmp_path)]) == 0
+    assert sorted(path.stem for path in tmp_path.glob("*.png")) == sorted(EXPERIMENTS)
