@@ -23,18 +23,19 @@ Point = tuple[float, float]
 class Survey:
     """What the team knows of the ground.
 
-    ``grid`` is its belief, bumps taken for obstacles; ``doubt`` (nx, ny) counts failures to get to each cell;
-    ``losses`` are the places of lost robots.
+    ``grid`` is its belief, bumps taken for obstacles; ``doubt`` (nx, ny) counts failures to get to each cell, ``shown``
+    is not 0 where some window has shown the cell; ``losses`` are the places of lost robots.
     """
 
     grid: BeliefGrid
     doubt: NDArray[np.uint8]
+    shown: NDArray[np.uint8]
     losses: tuple[Point, ...]
 
     def around(self, points: ArrayLike, margin_m: float) -> Survey:
         """The part around some points (k, 2)."""
         part = self.grid.part_around(points, margin_m)
-        return Survey(self.grid.part(part), self.doubt[part], self.losses)
+        return Survey(self.grid.part(part), self.doubt[part], self.shown[part], self.losses)
 
 
 class Atlas:
@@ -55,9 +56,9 @@ class Atlas:
     def survey(self) -> Survey:
         """All of it, partly as views: they change with the next window."""
         x, y = (self._corner * self.cell_m).tolist()
-        ground, obstacle, doubt, bumps = self._layers
+        ground, obstacle, doubt, bumps, shown = self._layers
         grid = BeliefGrid(ground, np.maximum(obstacle, bumps), (x, y), self.cell_m)
-        return Survey(grid, doubt, self.losses)
+        return Survey(grid, doubt, shown, self.losses)
 
     @property
     def losses(self) -> tuple[Point, ...]:
@@ -74,6 +75,7 @@ class Atlas:
         i, j = self._room_for(i, j, n, m)
         part = self._layers[:, i : i + n, j : j + m]
         part[:2] = window[:2]
+        part[4] = 1
         if self._bumped:
             part[3][window[1] <= FREE] = 0
 
@@ -122,7 +124,7 @@ class Atlas:
         inside = np.all((cells >= 0) & (cells < self._layers.shape[1:]), axis=1)
         values = _unknown(len(cells), 1)[:, :, 0]
         values[:, inside] = self._layers[:, cells[inside, 0], cells[inside, 1]]
-        return values
+        return values[:4]
 
     def _cell_of(self, xy_m: Point) -> tuple[int, int]:
         return self._room_for(math.floor(xy_m[0] / self.cell_m), math.floor(xy_m[1] / self.cell_m), 1, 1)
@@ -148,7 +150,7 @@ class Atlas:
 
 
 def _unknown(nx: int, ny: int) -> NDArray[np.uint8]:
-    """Layers (4, nx, ny) of ground and obstacle never seen, and of no failures and bumps."""
-    layers = np.full((4, nx, ny), UNKNOWN, dtype=np.uint8)
+    """Layers (5, nx, ny) of ground and obstacle never shown, and of no failures and bumps."""
+    layers = np.full((5, nx, ny), UNKNOWN, dtype=np.uint8)
     layers[2:] = 0
     return layers

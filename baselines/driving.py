@@ -24,8 +24,18 @@ class Drive:
     turn_rad_s: float = 0.0
 
 
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """A raster: its width as a share of the laser's full one, its centre left and up of the robot's heading (rad)."""
+
+    share: float
+    azimuth_rad: float = 0.0
+    elevation_rad: float = 0.0
+
+
 STILL = Drive()
 _HOLD = np.array([1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 1.0], dtype=np.float32)
+DARK_HOLD = np.array([1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, -1.0], dtype=np.float32)
 
 
 def action(drive: Drive, member: Member) -> NDArray[np.float32]:
@@ -35,6 +45,15 @@ def action(drive: Drive, member: Member) -> NDArray[np.float32]:
         answer[0] = -1.0
         answer[1] = min(1.0, max(-1.0, drive.forward_m_s / member.cruise_speed_m_s))
         answer[2] = min(1.0, max(-1.0, drive.turn_rad_s / member.cruise_yaw_rate_rad_s))
+    return answer
+
+
+def scan_action(scan: Scan, member: Member) -> NDArray[np.float32]:
+    """The action (8,) of standing still and drawing a raster."""
+    assert member.laser is not None
+    answer = _HOLD.copy()
+    reach = member.laser.max_deflection_rad
+    answer[4:7] = scan.share, scan.azimuth_rad / reach, scan.elevation_rad / reach
     return answer
 
 

@@ -216,7 +216,7 @@ class Expedition:
                 aim = way.target(scout.xy)
                 drives[scout.name] = driver.go(scout, aim)
                 if driver.blocked or way.off_m > OFF_M:
-                    note_bump(scout, aim, self._members[scout.name].robot.body_radius_m, self._view, self.atlas)
+                    note_bump(scout, aim, self._members[scout.name].robot.body_radius_m, self._view.bodies, self.atlas)
                 if driver.blocked or way.off_m > OFF_M or scout.distance_to(posts[scout.name]) < POST_NEAR_M:
                     del ways[scout.name], drives[scout.name]
             if not ways:

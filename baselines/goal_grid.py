@@ -164,7 +164,7 @@ class GridScouting:
         errand.decisions_left -= 1
         if driver.blocked or errand.route.off_m > OFF_M:
             errand.tries += 1
-            note_bump(scout, aim, self._members[scout.name].robot.body_radius_m, view, atlas)
+            note_bump(scout, aim, self._members[scout.name].robot.body_radius_m, view.bodies, atlas)
             errand.route = self._route(scout, errand.goal, atlas, prospect)
         return drive
 

@@ -20,7 +20,8 @@ _MATE = {field.name: index for index, field in enumerate(MATE_FIELDS)}
 class RobotView:
     """One live robot as the belief has it, team frame.
 
-    ``in_view`` says that some camera of the team sees its hat; ``window_m`` is the lower corner of its map window.
+    ``in_view`` says that some camera of the team sees its hat; ``window_m`` is the lower corner of its map window;
+    ``scanned`` the share of its raster that is done, ``points`` what the team's scans measured in the last decision.
     """
 
     name: str
@@ -31,6 +32,9 @@ class RobotView:
     stationary: bool
     in_view: bool
     window_m: tuple[float, float]
+    docked: bool
+    scanned: float
+    points: int
 
     @property
     def xy(self) -> tuple[float, float]:
@@ -72,6 +76,11 @@ class TeamView:
     time_left_s: float
     reserves_left: int
 
+    @property
+    def bodies(self) -> tuple[RobotView | Landmark, ...]:
+        """Everybody who may stand in somebody's way."""
+        return self.leader, *self.scouts, *(mark for mark in self.landmarks if mark.lost)
+
 
 def read_team(observations: Observations, team: TeamDescription) -> TeamView | None:
     """The team's state from one decision's observations; None when the first observer is not among them."""
@@ -85,12 +94,24 @@ def read_team(observations: Observations, team: TeamDescription) -> TeamView | N
         goal = _to_team(leader, values[_SELF["goal_x"]], values[_SELF["goal_y"]])
     return TeamView(
         leader=leader,
-        scouts=tuple(_read_robot(name, seen)[0] for name, seen in others if seen["self"][_SELF["docked"]] < 0.5),
+        scouts=tuple(robot for robot in (_read_robot(name, seen)[0] for name, seen in others) if not robot.docked),
         landmarks=_read_landmarks(leader, observations[leader_name]),
         goal=goal,
         time_left_s=values[_SELF["time_left"]] * team.time_limit_s,
         reserves_left=round(values[_SELF["reserves_left"]]),
     )
+
+
+def read_robots(
+    observations: Observations, team: TeamDescription
+) -> tuple[tuple[RobotView, ...], tuple[Landmark, ...]]:
+    """All live robots outside the dock, in the team's order, and the lost ones; no robot leads here."""
+    seen = [(name, observations[name]) for name in team.names if name in observations]
+    robots = tuple(_read_robot(name, observation)[0] for name, observation in seen)
+    if not robots:
+        return (), ()
+    lost = tuple(mark for mark in _read_landmarks(robots[0], seen[0][1]) if mark.lost)
+    return tuple(robot for robot in robots if not robot.docked), lost
 
 
 def wrapped(angle: float) -> float:
@@ -110,6 +131,9 @@ def _read_robot(name: str, observation: dict[str, np.ndarray]) -> tuple[RobotVie
         stationary=values[_SELF["stationary"]] > 0.5,
         in_view=bool(seen.max() > 0.5),
         window_m=(values[_SELF["map_x"]], values[_SELF["map_y"]]),
+        docked=values[_SELF["docked"]] > 0.5,
+        scanned=values[_SELF["scan_progress"]],
+        points=round(values[_SELF["points"]]),
     )
     return robot, values
 
