@@ -1,6 +1,6 @@
 """How fast scan rays enter the map: 2 m rays, 10 cm cylinders, 5 cm cells; processor time of one core.
 
-    python benchmarks/bench_map.py
+    python benchmarks/bench_map.py [--out FILE.json]
 
 Floor: a ray of 2 m touches 40 slices of about 4 x 4 cells. Fresh rays change cells (and note the change for the score),
 repeated ones find most cells saturated.
@@ -8,6 +8,7 @@ repeated ones find most cells saturated.
 
 from __future__ import annotations
 
+import argparse
 import json
 import statistics
 import time
@@ -37,6 +38,9 @@ def enter(ground: GroundMap, model: MapModel, starts: wp.array[wp.vec3], ends: w
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, help="also write the figures as JSON")
+    options = parser.parse_args()
     device = prepare("cpu")
     model = MapModel()
     model.nx, model.ny, model.cell, model.mark_radius = SIDE, SIDE, 0.05, 0.1
@@ -61,7 +65,8 @@ def main() -> None:
     touched = int(np.count_nonzero(ground.volume.numpy()))
     print(f"rays of {LENGTH_M} m a second and core: {row['rays_per_s_fresh']:,.0f} into an empty map, ", end="")
     print(f"{row['rays_per_s_again']:,.0f} once more; {touched} cells touched")
-    Path(__file__).with_suffix(".json").write_text(json.dumps(row, indent=1) + "\n")
+    if options.out:
+        options.out.write_text(json.dumps(row, indent=2) + "\n")
 
 
 if __name__ == "__main__":

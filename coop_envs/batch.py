@@ -71,7 +71,7 @@ class TeamBatch:
         drives = drive_models(scenario.team, scenario.task.collect_lost, device)
         self.raster: Raster = allocate(Raster, (teams, n), device)
         told = [self.actions, self.belief.declared, self.belief.undock, self.belief.clock]
-        called = [*told, drives, self.physics.lasers, self.raster, self.command]
+        called = [*told, drives, self.physics.lasers, self.raster, self.command, self.running]
         weights = score_model(scenario.reward, scenario.task, scenario.rates.decision_s)
         scored = [self.state, self.belief, self.map, self.truth, self.map_model, weights, self.score]
         self._control = self._record(control, (teams, n), called)
@@ -120,6 +120,7 @@ class TeamBatch:
             "measurements": self.measurements,
             "command": self.command,
             "raster": self.raster,
+            "points": self.loop.points,
             "observations": self.observations,
         }
 

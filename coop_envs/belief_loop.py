@@ -53,7 +53,7 @@ class BeliefLoop:
         self.observations = allocate_observations(teams, n, device)
         seen = [self.belief, self.map, self.map_model, _view_model(settings), self.estimator.members]
         self.points = self.estimator.points
-        inputs = [*seen, measurements.gyro, command, self.points, self.observations]
+        inputs = [*seen, measurements.gyro, command, self.points, self.observations, running]
         self._observe = wp.launch(observe, (teams, n), inputs=inputs, device=device, record_cmd=True)
 
     def reset(self, chosen: NDArray[np.int32], plan: Plan) -> None:

@@ -347,10 +347,12 @@ def mate_rank(belief: Belief, b: int, r: int, o: int) -> float:
 @wp.kernel
 def observe(
     belief: Belief, ground: GroundMap, model: MapModel, view: ViewModel, members: wp.array[MemberModel],
-    gyro: wp.array3d[wp.vec3], command: Command, points: Points, out: Observations,
+    gyro: wp.array3d[wp.vec3], command: Command, points: Points, out: Observations, running: wp.array[int],
 ):  # fmt: skip
-    """Observations of every agent; one thread each."""
+    """Observations of every agent of the running teams; one thread each."""
     b, r = wp.tid()
+    if running[b] == 0:
+        return
     p = belief.position[b, r]
     cells = window_corner(ground, model, view.stride, b, float(p[0]), float(p[1]))
     corner = ground.corner[b] + wp.vec2(float(cells[0]), float(cells[1])) * model.cell

@@ -31,13 +31,15 @@ def scan_metrics(batch: TeamBatch, b: int, scan: Scan) -> dict[str, Any]:
     survey = BlockMap(batch.map_model.cell, batch.map_model.sweep)
     survey.enter(scan.point_eyes_m.reshape(-1, 3), np.repeat(scan.points_m, 2, axis=0))
     known = survey.known()
-    solid = batch.pool.solids[w].holds(known.middles_m, known.cell_m)
+    truth = batch.pool.solids[w]
+    told = known.middles_m[:, 2] + 0.5 * known.cell_m <= truth.top_m
+    solid = truth.holds(known.middles_m[told], known.cell_m)
     return {
         "points_measured": len(scan),
         "point_error_m": median,
         "point_error_95_m": most,
         "h_v": survey.h_v,
-        "survey_bits": information_bits(known.log_odds, solid),
+        "survey_bits": information_bits(known.log_odds[told], solid),
     }
 
 

@@ -170,10 +170,13 @@ def facts_at(truth: Truth, place: int) -> int:
 
 @wp.func
 def solid_at(truth: Truth, w: int, frame: wp.vec4, model: MapModel, place: int, level: int) -> bool:
-    """Whether a level of the volume there holds anything solid: any of the slabs whose middle lies in it."""
-    if place < 0:
-        return True
+    """Whether a level of the volume there holds anything solid: any of the slabs whose middle lies in it.
+
+    Under the slabs, and beyond the world, all is solid.
+    """
     low = (frame[2] + model.floor + float(level) * model.cell - truth.base[w]) / truth.slab
+    if place < 0 or low < -0.5:
+        return True
     first = wp.max(int(wp.ceil(low - 0.5)), 0)
     last = wp.min(int(wp.ceil(low + model.cell / truth.slab - 0.5)) - 1, 63)
     found = wp.uint64(0)

@@ -52,7 +52,10 @@ def test_version():
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (("doctr",), "command: got 'doctr', expected one of demo, doctor, evaluate, reproduce (did you mean 'doctor'?)"),
+        (
+            ("doctr",),
+            "command: got 'doctr', expected one of demo, doctor, evaluate, reproduce (did you mean 'doctor'?)",
+        ),
         (("doctor", "--jsno"), "--jsno"),
         (("evaluate",), "--policy"),
         (("evaluate", "--policy", "random_walk", "--episodes", "many"), "'many'"),

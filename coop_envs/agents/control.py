@@ -111,9 +111,15 @@ def scan(
 def control(
     actions: wp.array3d[float], declared: wp.array2d[int], called: wp.array2d[int], clock: wp.array[int],
     models: wp.array[DriveModel], lasers: wp.array[LaserModel], raster: Raster, command: Command,
+    running: wp.array[int],
 ):  # fmt: skip
-    """Commands for every robot. One that is docked or lost stands; a lost one keeps its hat lit as a landmark."""
+    """Commands for every robot of the running teams.
+
+    One that is docked or lost stands; a lost one keeps its hat lit as a landmark.
+    """
     b, r = wp.tid()
+    if running[b] == 0:
+        return
     model = models[r]
     ticks = command.laser.shape[2]
     for t in range(ticks):

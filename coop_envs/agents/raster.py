@@ -42,7 +42,7 @@ class Raster:
 class LaserModel:
     """A robot's laser; see `specification.Laser`. ``fitted`` is 0 without one, ``duty`` its strongest level.
 
-    ``half`` and ``limit`` in counts: of a raster of full width, and of the mirror. ``counts_a_tick`` run down in one.
+    ``half`` and ``limit`` in counts: of a raster of full width, and of the mirror. A count takes ``ticks_a_count``.
     """
 
     fitted: int
@@ -54,7 +54,7 @@ class LaserModel:
     limit: int
     half: wp.vec2i
     step: int
-    counts_a_tick: int
+    ticks_a_count: float
     position: wp.vec3
 
 
@@ -70,7 +70,7 @@ def laser_models(team: Team, tick_s: float, device: str) -> wp.array:
             model.limit = int(laser.max_deflection_rad / laser.count_rad + 1e-6)
             model.half = wp.vec2i(*(round(half / laser.count_rad) for half in laser.raster_half_rad))
             model.step, model.position = laser.step_counts, wp.vec3(*laser.position_m)
-            model.counts_a_tick = max(1, int(tick_s / laser.count_s + 1e-6))
+            model.ticks_a_count = laser.count_s / tick_s
         models.append(model)
     return wp.array(models, dtype=LaserModel, device=device)
 
@@ -97,13 +97,13 @@ def raster_point(raster: Raster, model: LaserModel, b: int, r: int, k: int) -> w
 def begin_raster(raster: Raster, model: LaserModel, b: int, r: int, request: float, azimuth: float, elevation: float):
     """Start a raster whose width is the share ``request`` of the full one, its centre a share of the mirror's reach.
 
-    The centre is moved in so that the end stops cut nothing off.
+    Its half width is a whole number of steps, and its centre is moved in so that the end stops cut nothing off.
     """
     wanted = wp.vec2(azimuth, elevation)
     centre = wp.vec2i()
     half = wp.vec2i()
     for axis in range(2):
-        half[axis] = wp.min(int(wp.round(request * float(model.half[axis]))), model.limit)
+        half[axis] = wp.min(int(wp.round(request * float(model.half[axis]))), model.limit) // model.step * model.step
         room = model.limit - half[axis]
         centre[axis] = wp.clamp(int(wp.round(wanted[axis] * float(model.limit))), -room, room)
     raster.centre[b, r] = centre
@@ -122,7 +122,7 @@ def next_move(raster: Raster, model: LaserModel, b: int, r: int) -> wp.vec2i:
         move = raster_point(raster, model, b, r, raster.point[b, r]) - raster.at[b, r]
         raster.at[b, r] = raster.at[b, r] + move
         longest = wp.max(wp.abs(move[0]), wp.abs(move[1]))
-        raster.busy[b, r] = (longest + model.counts_a_tick - 1) // model.counts_a_tick
+        raster.busy[b, r] = int(wp.ceil(float(longest) * model.ticks_a_count - 1.0e-3))
     raster.busy[b, r] = wp.max(raster.busy[b, r] - 1, 0)
     return move
 

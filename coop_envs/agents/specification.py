@@ -130,9 +130,10 @@ class Laser:
     """A laser pointer behind a mirror with two motors, and the raster that it draws.
 
     The motors know no position: they run for whole counts of ``count_s``, each of which turns the ray by ``count_rad``,
-    give or take ``move_noise`` of the move, until an end stop at ``max_deflection_rad``. The diode can be driven at
-    ``duties``. A raster of full width reaches ``raster_half_rad`` (azimuth, elevation) to either side of its centre, in
-    steps of ``step_counts``. ``position_m`` is where the ray leaves the body; undeflected it goes along body x.
+    give or take ``move_noise`` of each frame's turn, until an end stop at ``max_deflection_rad``. The diode can be
+    driven at ``duties``. A raster of full width reaches ``raster_half_rad`` (azimuth, elevation) to either side of its
+    centre, in steps of ``step_counts``. ``position_m`` is where the ray leaves the body; undeflected it goes along body
+    x.
 
     Source: Zumy firmware (10 ms counts); thesis section 6.3 (pi/4 each way); the authors move at 1 rad/s.
     """
@@ -156,8 +157,8 @@ class Laser:
         require(1 <= self.step_counts <= 50, "laser.step_counts", self.step_counts, "1 to 50 counts")
         reach_fits = 0 < self.max_deflection_rad < 1.5
         require(reach_fits, "laser.max_deflection_rad", self.max_deflection_rad, "above 0, below 1.5 rad")
-        duties_fit = bool(self.duties) and all(0 <= duty <= 1 for duty in self.duties)
-        require(duties_fit, "laser.duties", self.duties, "one or more, each 0 to 1")
+        duties_fit = all(0 <= duty <= 1 for duty in self.duties) and max(self.duties, default=0.0) > 0
+        require(duties_fit, "laser.duties", self.duties, "levels from 0 to 1, one of them above 0")
 
 
 @dataclass(frozen=True)

@@ -147,7 +147,8 @@ class TeamEstimator:
         ]
         if scanning:
             cameras = wp.array([camera_model(m.camera) for m in team.members], dtype=CameraModel, device=device)
-            ranged = [*seen, cameras, _ranging_model(team, settings), self.points, running]
+            told = [self.belief, measurements, command, self.members]
+            ranged = [*told, cameras, _ranging_model(team, settings), self.points, running]
             charted = [self.belief, self.map, self.members, self.points, map_model, running]
             self._launches += [self._record(find_range, ranged), self._record(chart_rays, charted)]
 

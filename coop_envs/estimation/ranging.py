@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import warp as wp
 
+from coop_envs.agents.command import Command
 from coop_envs.estimation.belief import NO_SLOT, WORKING, Belief, MemberModel
 from coop_envs.sensing.camera import CameraModel, bearing_d
 from coop_envs.sensing.measurements import Measurements
@@ -107,19 +108,28 @@ def enter(points: Points, fix: Fix, b: int, t: int, i: int, j: int):
         points.answer[b, t] = fix.answer
 
 
+@wp.func
+def is_lit(command: Command, b: int, t: int) -> bool:
+    """Whether any laser of a team was told to be lit in a tick."""
+    power = float(0.0)
+    for r in range(command.laser.shape[1]):
+        power = power + command.laser[b, r, t]
+    return power > 0.0
+
+
 @wp.kernel
 def find_range(
-    belief: Belief, measured: Measurements, members: wp.array[MemberModel], cameras: wp.array[CameraModel],
-    model: RangingModel, points: Points, running: wp.array[int],
+    belief: Belief, measured: Measurements, command: Command, members: wp.array[MemberModel],
+    cameras: wp.array[CameraModel], model: RangingModel, points: Points, running: wp.array[int],
 ):  # fmt: skip
-    """Triangulate the spots of every running team's last decision."""
+    """Triangulate the spots of every running team's last decision, of the ticks in which a laser was lit."""
     b = wp.tid()
+    if running[b] == 0:
+        return
     points.count[b] = 0
     ticks = points.answer.shape[1]
     for t in range(ticks):
         points.answer[b, t] = NO_PAIR
-    if running[b] == 0:
-        return
     n = members.shape[0]
     for i in range(n):
         for j in range(i + 1, n):
@@ -127,7 +137,11 @@ def find_range(
                 joint = joint_covariance(belief, b, i, j)
                 for t in range(ticks):
                     both = measured.spot_sigma[b, i, t] > 0.0 and measured.spot_sigma[b, j, t] > 0.0
-                    if both and wp.abs(measured.spot_stamp[b, i, t] - measured.spot_stamp[b, j, t]) <= SAME_TIME_S:
+                    if (
+                        both
+                        and is_lit(command, b, t)
+                        and wp.abs(measured.spot_stamp[b, i, t] - measured.spot_stamp[b, j, t]) <= SAME_TIME_S
+                    ):
                         first = spot_view(belief, measured, members[i], cameras[i], model, b, i, t)
                         second = spot_view(belief, measured, members[j], cameras[j], model, b, j, t)
                         enter(points, optimal(first, second, joint, model.limits), b, t, i, j)

@@ -82,4 +82,7 @@ class MapSettings:
         require(1 <= self.levels <= 64, "map.levels", self.levels, "1 to 64")
         require(self.floor_m <= 0, "map.floor_m", self.floor_m, "0 m or less, under the robots")
         require(0 <= self.step_levels <= 4, "map.step_levels", self.step_levels, "0 to 4")
-        require(0 <= self.sweep_radius_m <= 0.5, "map.sweep_radius_m", self.sweep_radius_m, "0 to 0.5 m")
+        wide = 0.5 * self.cell_m <= self.sweep_radius_m <= 0.5
+        require(wide, "map.sweep_radius_m", self.sweep_radius_m, "half a cell or more, at most 0.5 m")
+        height_m = self.levels * self.cell_m
+        require(height_m <= 1.2, "map.levels", self.levels, f"at most 1.2 m in all, not {height_m:.2f} m")

@@ -75,14 +75,17 @@ def touch_ray(table: Table, sweep: Sweep, share: int):
 
 
 @wp.kernel
-def enter_rays(table: Table, starts: wp.array[wp.vec3], ends: wp.array[wp.vec3], radius: float, share: int):
-    """Enter all rays (in cells) with ``share`` 1; with 0, ask for the blocks that they need."""
+def enter_rays(
+    table: Table, starts: wp.array[wp.vec3], ends: wp.array[wp.vec3], tips: wp.array[wp.vec3], radius: float, share: int
+):
+    """Enter all rays and the points at their tips (in cells) with ``share`` 1; with 0, ask for the blocks they need."""
     low = table.low * BLOCK
     size = wp.vec3i(table.slot.shape[0], table.slot.shape[1], table.slot.shape[2])
     high = low + size * BLOCK - wp.vec3i(1, 1, 1)
     for k in range(starts.shape[0]):
         touch_ray(table, begin_sweep(starts[k], ends[k], radius, low, high), share)
-        tip = ends[k]
+    for k in range(tips.shape[0]):
+        tip = tips[k]
         cell = wp.vec3i(int(wp.floor(tip[0])), int(wp.floor(tip[1])), int(wp.floor(tip[2])))
         touch(table, cell, HIT * share, 0)
 
@@ -129,7 +132,7 @@ class BlockMap:
         return float(np.count_nonzero(self._swept)) / (2.0 * self._radius) ** 3
 
     def enter(self, starts_m: ArrayLike, ends_m: ArrayLike) -> None:
-        """Enter rays from eyes (k, 3) to the points (k, 3) that they measured, m.
+        """Enter rays from eyes (k, 3) to the points (k, 3) that they measured, m; a point in a row counts once.
 
         Raises:
             ValueError: the arrays are no points, or hold numbers that are not finite.
@@ -140,7 +143,10 @@ class BlockMap:
         if not len(rays[0]):
             return
         self._cover(np.concatenate(rays))
-        arrays = [wp.array(a.astype(np.float32), dtype=wp.vec3, device=self._device) for a in rays]
+        new = np.ones(len(rays[1]), dtype=bool)
+        new[1:] = (np.diff(rays[1], axis=0) != 0).any(axis=1)
+        inputs = [*rays, rays[1][new]]
+        arrays = [wp.array(a.astype(np.float32), dtype=wp.vec3, device=self._device) for a in inputs]
         self._launch(arrays, 0)
         wanted = self._slot == WANTED
         count = int(wanted.sum())

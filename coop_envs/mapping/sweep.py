@@ -17,7 +17,7 @@ SHORT = wp.constant(1.5)  # a ray shorter than this tells nothing
 
 @wp.struct
 class Sweep:
-    """A ray from ``start`` along the unit vector ``along``, up to half a cell before its end.
+    """A ray from ``start`` along the unit vector ``along``; it tells nothing of the half cell before its end.
 
     ``main`` is the axis it follows most; its slices are ``first`` to ``last``, in which cells within ``reach`` of the
     ray are tried, ``low`` to ``high`` of each axis. A ray that tells nothing has ``last`` before ``first``.
@@ -25,6 +25,7 @@ class Sweep:
 
     start: wp.vec3
     along: wp.vec3
+    length: float
     radius: float
     reach: float
     main: int
@@ -48,9 +49,10 @@ def begin_sweep(start: wp.vec3, end: wp.vec3, radius: float, low: wp.vec3i, high
         m = 1
     if wp.abs(a[2]) > wp.abs(a[m]):
         m = 2
-    tip = start[m] + a[m] * (length - 0.5)
+    tip = start[m] + a[m] * length
     sweep.start = start
     sweep.along = a
+    sweep.length = length
     sweep.radius = wp.max(radius, 0.5)
     sweep.reach = sweep.radius / wp.abs(a[m])
     sweep.main = m
@@ -72,24 +74,26 @@ def span_in_slice(sweep: Sweep, s: int, axis: int) -> wp.vec2i:
 
 
 @wp.func
-def off_axis(sweep: Sweep, cell: wp.vec3i) -> wp.vec3:
-    """From the ray, squarely, to a cell's middle."""
-    e = wp.vec3(float(cell[0]) + 0.5, float(cell[1]) + 0.5, float(cell[2]) + 0.5) - sweep.start
-    return e - sweep.along * wp.dot(e, sweep.along)
+def from_start(sweep: Sweep, cell: wp.vec3i) -> wp.vec3:
+    """From the ray's start to a cell's middle."""
+    return wp.vec3(float(cell[0]) + 0.5, float(cell[1]) + 0.5, float(cell[2]) + 0.5) - sweep.start
 
 
 @wp.func
 def in_cylinder(sweep: Sweep, cell: wp.vec3i) -> bool:
     """Whether a cell's middle lies within the radius."""
-    return wp.length_sq(off_axis(sweep, cell)) <= sweep.radius * sweep.radius
+    e = from_start(sweep, cell)
+    return wp.length_sq(e - sweep.along * wp.dot(e, sweep.along)) <= sweep.radius * sweep.radius
 
 
 @wp.func
 def swept_evidence(sweep: Sweep, cell: wp.vec3i) -> int:
     """Log-odds, in sixteenths, that the ray gives a cell of one of its slices; 0 beyond its radius or under it."""
-    off = off_axis(sweep, cell)
+    e = from_start(sweep, cell)
+    t = wp.dot(e, sweep.along)
+    off = e - sweep.along * t
     distance2 = wp.length_sq(off)
-    if off[2] < UNDER or distance2 > sweep.radius * sweep.radius:
+    if off[2] < UNDER or distance2 > sweep.radius * sweep.radius or t > sweep.length - 0.5:
         return 0
     if distance2 <= 0.25:
         return THROUGH

@@ -26,8 +26,9 @@ class Measurements:
     battery
         (B, N) remaining fraction.
     spot, spot_sigma, spot_stamp
-        (B, N, T) pixel of the laser spot in each camera's frame at the end of each tick, the standard deviation of its
-        centroid (px; 0 where there is no spot), and the frame's time after the end of the tick (s).
+        (B, N, T) pixel of the laser spot in each camera's frame at the end of each tick; the standard deviation of its
+        centroid (px) as the detector states it from the blob's shape, 0 where there is no spot; and the frame's time
+        after the end of the tick (s).
     seen
         (B, N, N) 1 where the camera of robot i gave a pose of robot j.
     p_camera_body, R_camera_body

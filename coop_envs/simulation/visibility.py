@@ -38,8 +38,10 @@ def hidden_by_robot(state: State, robots: wp.array[RobotModel], b: int, i: int, 
             if chord2 > 0.0 and s + wp.sqrt(chord2) > 0.0 and s - wp.sqrt(chord2) < 1.0:
                 enter = wp.max(s - wp.sqrt(chord2), 0.0)
                 leave = wp.min(s + wp.sqrt(chord2), 1.0)
-                top = p[2] - robots[k].body_height + robots[k].height
-                if a[2] + wp.min(enter * (c[2] - a[2]), leave * (c[2] - a[2])) < top:
+                bottom = p[2] - robots[k].body_height
+                first = a[2] + enter * (c[2] - a[2])
+                last = a[2] + leave * (c[2] - a[2])
+                if wp.min(first, last) < bottom + robots[k].height and wp.max(first, last) > bottom:
                     return True
     return False
 

@@ -35,8 +35,8 @@ class SolidColumns:
     def holds(self, middles_m: NDArray[np.float64], size_m: float) -> NDArray[np.bool_]:
         """Whether cells (n,) of this size with these middles (n, 3) hold anything solid.
 
-        A cell is told by the slabs whose middle lies in it, in the column of its own middle; beyond the columns all is
-        solid.
+        A cell is told by the slabs whose middle lies in it, in the column of its own middle; beyond and under the
+        columns all is solid, over them nothing is.
         """
         i, j = np.floor((middles_m[:, :2] - self.origin_m) / self.cell_m).astype(np.int64).T
         inside = (i >= 0) & (j >= 0) & (i < self.bits.shape[0]) & (j < self.bits.shape[1])
@@ -44,7 +44,12 @@ class SolidColumns:
         first = np.ceil(low - 0.5).clip(0, SLABS).astype(np.int64)
         after = np.ceil(low + size_m / self.slab_m - 0.5).clip(0, SLABS).astype(np.int64)
         column = np.where(inside, self.bits[i * inside, j * inside], ~np.uint64(0))
-        return (column & (_lowest_bits(after) & ~_lowest_bits(first))) != 0
+        return ((column & (_lowest_bits(after) & ~_lowest_bits(first))) != 0) | (low < -0.5)
+
+    @property
+    def top_m(self) -> float:
+        """Height up to which truth is known."""
+        return self.base_m + SLABS * self.slab_m
 
 
 def solid_columns(world: World, cell_m: float, slab_m: float = 0.025) -> SolidColumns:

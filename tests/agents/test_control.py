@@ -34,7 +34,12 @@ def controlled(action, robot=0, team=SCOUTS, declared=AT_WORK, called=0, collect
     command = allocate_command(1, n, TICKS, device)
     inputs = [wp.array(a, device=device) for a in (actions, *flags, np.zeros(1, dtype=np.int32))]
     scanner = laser_models(team, TICK_S, device), allocate(Raster, (1, n), device)
-    wp.launch(control, (1, n), inputs=[*inputs, drive_models(team, collect, device), *scanner, command], device=device)
+    wp.launch(
+        control,
+        (1, n),
+        inputs=[*inputs, drive_models(team, collect, device), *scanner, command, wp.ones(1, dtype=int)],
+        device=device,
+    )
     return {
         name: getattr(command, name).numpy()[0, robot] for name in ("wheels", "brightness", "hold", "undock", "collect")
     }

@@ -21,7 +21,8 @@ HOLD, REQUEST, AZIMUTH, ELEVATION, BRIGHTNESS = 0, 4, 5, 6, 7
 class Mirror:
     """The Zumy's firmware: a motor runs for as many 10 ms counts as it is told; commands are lost until both stand."""
 
-    def __init__(self) -> None:
+    def __init__(self, tick_s: float) -> None:
+        self.tick_s = tick_s
         self.at, self.left = np.zeros(2), np.zeros(2)
         self.lost = 0
 
@@ -31,7 +32,7 @@ class Mirror:
                 self.lost += 1
             else:
                 self.left = counts.astype(float)
-        run = np.clip(self.left, -TICK_S / COUNT_S, TICK_S / COUNT_S)
+        run = np.clip(self.left, -self.tick_s / COUNT_S, self.tick_s / COUNT_S)
         self.at, self.left = self.at + run, self.left - run
         self.left[np.abs(self.left) < 1e-9] = 0.0
 
@@ -43,13 +44,13 @@ class Mirror:
 class Bench:
     """Surveyors that stand, their controllers and one mirror each."""
 
-    def __init__(self, robots: str = "surveyors") -> None:
+    def __init__(self, robots: str = "surveyors", tick_s: float = TICK_S) -> None:
         team, device = load_team(robots), prepare("cpu")
         self.n = len(team.members)
         self.command = allocate_command(1, self.n, TICKS, device)
         self.raster: Raster = allocate(Raster, (1, self.n), device)
-        self._models = drive_models(team, False, device), laser_models(team, TICK_S, device)
-        self.mirrors = [Mirror() for _ in range(self.n)]
+        self._models = drive_models(team, False, device), laser_models(team, tick_s, device)
+        self.mirrors = [Mirror(tick_s) for _ in range(self.n)]
         self.clock = 0
         self.shots: list[tuple[int, int, np.ndarray, bool]] = []  # tick, robot, counts, at rest
 
@@ -63,7 +64,8 @@ class Bench:
         flags = np.ones((1, self.n), dtype=np.int32), np.zeros((1, self.n), dtype=np.int32)
         clock = np.array([self.clock], dtype=np.int32)
         inputs = [wp.array(a, device="cpu") for a in (actions, *flags, clock)]
-        wp.launch(control, (1, self.n), inputs=[*inputs, *self._models, self.raster, self.command], device="cpu")
+        told = [*inputs, *self._models, self.raster, self.command, wp.ones(1, dtype=int)]
+        wp.launch(control, (1, self.n), inputs=told, device="cpu")
         laser, galvo = self.command.laser.numpy()[0], self.command.galvo.numpy()[0]
         for t in range(TICKS):
             for r, mirror in enumerate(self.mirrors):
@@ -89,7 +91,7 @@ def bench():
 def test_a_raster_covers_its_window_row_by_row_back_and_forth(bench):
     bench.run()
     points = np.array([shot[2] for shot in bench.shots])
-    across, down = np.arange(60, -61, -3), np.arange(round(-0.25 * LIMIT) + 25, round(-0.25 * LIMIT) - 26, -3)
+    across, down = np.arange(60, -61, -3), np.arange(round(-0.25 * LIMIT) + 24, round(-0.25 * LIMIT) - 25, -3)
     rows = [[(x, y) for x in (across if k % 2 == 0 else across[::-1])] for k, y in enumerate(down)]
     np.testing.assert_allclose(points, np.concatenate(rows), atol=1e-9)
 
@@ -99,6 +101,14 @@ def test_no_move_is_lost_and_the_laser_is_lit_at_rest(bench):
     bench.run(azimuth=0.5)  # a long way to the next raster
     assert all(mirror.lost == 0 for mirror in bench.mirrors)
     assert all(rests for *_, rests in bench.shots)
+
+
+@pytest.mark.parametrize("tick_s", [1 / 120, 1 / 100, 1 / 60, 0.1])
+def test_no_move_is_lost_at_other_frame_rates(tick_s):
+    bench = Bench(tick_s=tick_s)
+    bench.run(request=0.2)
+    assert all(mirror.lost == 0 for mirror in bench.mirrors)
+    assert len(bench.shots) > 20 and all(rests for *_, rests in bench.shots)
 
 
 def test_one_scanner_takes_a_spot_a_frame(bench):

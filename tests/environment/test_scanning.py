@@ -5,6 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from coop_envs import exploration_v0
+from coop_envs.geometry.arrays import to_numpy
 from tests.environment.scanning import Surveyors
 
 QUIET: dict[str, Any] = {"sensing": {"dropout": 0.0, "outlier": 0.0}, "scanning": {"missed": 0.0, "false_spot": 0.0}}
@@ -86,3 +88,31 @@ def test_badly_calibrated_cameras_cost_what_the_covariance_says():
     unaware, aware = (np.mean([s.normalised.mean() for s in t.scan(40) if len(s.points) > 20]) for t in teams)
     assert unaware > 1.5
     assert 0.6 < aware < 1.3
+
+
+def test_teams_that_wait_keep_their_rasters_and_observations():
+    """A masked reset of the second team leaves the first as it was, in the middle of a move of its mirror."""
+    env = exploration_v0.vector_env(2, "corner", device="cpu")
+    env.reset(seed=4)
+    actions = np.zeros((2, 2, 8), dtype=np.float32)
+    actions[..., 0], actions[..., 4] = 1.0, 1.0
+    observations = env.step(actions)[0]
+    before = {key: value[0].copy() for key, value in observations.items()}
+    raster = to_numpy(env.batch.raster)
+    after, _ = env.reset(mask=np.array([False, True]))
+    for name, array in to_numpy(env.batch.raster).items():
+        np.testing.assert_array_equal(array[0], raster[name][0])
+    for key, value in before.items():
+        np.testing.assert_array_equal(after[key][0], value)
+
+
+def test_a_restored_episode_shows_its_points():
+    env = exploration_v0.parallel_env("corner", seed=2)
+    env.reset(seed=2)
+    action = np.array([1, 0, 0, 0, 0.5, 0, -0.25, 0], dtype=np.float32)
+    while len(env.scan()) < 3:
+        env.step(dict.fromkeys(env.agents, action))
+    state, points_m = env.get_state(), env.scan().points_m
+    env.step(dict.fromkeys(env.agents, action))
+    env.set_state(state)
+    np.testing.assert_array_equal(env.scan().points_m, points_m)

@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from coop_envs.mapping import sweep
 from coop_envs.mapping.block_map import BlockMap
 from coop_envs.mapping.swept_volume import SweptVolume
 from tests.mapping.test_volume import CELL, CORNER, FLOOR, LEVELS, NX, NY, Room
@@ -80,3 +81,10 @@ def test_h_v_is_the_union_of_the_cylinders():
         blocks = BlockMap(cell_m)
         blocks.enter(np.broadcast_to(eye, ends.shape), ends)
         assert blocks.h_v == pytest.approx(exact.h_v, rel=tolerance)
+
+
+def test_two_cameras_that_measured_one_point_mark_it_once():
+    blocks = BlockMap(CELL)
+    point = [1.02, 1.02, 0.02]
+    blocks.enter([[0.0, 0.0, 0.1], [0.0, 1.0, 0.1]], [point, point])
+    assert by_cell(blocks)[20, 20, 0] == int(sweep.HIT)

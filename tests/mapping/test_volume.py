@@ -70,9 +70,9 @@ def expected(start: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray
     away = np.linalg.norm(off, axis=-1)
     m = int(np.argmax(np.abs(a)))
     t = e[..., m] / a[m]  # slices are cut square to the main axis, not to the ray
-    within = (t > 0) & (t < length - CELL / 2) & (off[..., 2] >= UNDER * CELL)
+    within = (t > 0) & (t < length) & (along < length - CELL / 2) & (off[..., 2] >= UNDER * CELL)
     evidence = np.where(away <= CELL / 2, THROUGH, np.where(away <= SWEEP, BESIDE, 0.0)) * within
-    margins = [away - CELL / 2, away - SWEEP, t, t - length + CELL / 2, off[..., 2] - UNDER * CELL]
+    margins = [away - CELL / 2, away - SWEEP, t, t - length, along - length + CELL / 2, off[..., 2] - UNDER * CELL]
     return evidence.astype(int), np.min(np.abs(margins), axis=0) < 1e-5
 
 
