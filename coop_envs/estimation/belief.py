@@ -7,6 +7,7 @@ from enum import IntEnum
 import warp as wp
 
 from coop_envs.agents.team import Team
+from coop_envs.estimation.settings import Estimation
 from coop_envs.geometry.arrays import allocate
 from coop_envs.sensing.camera import body_from_camera
 from coop_envs.sensing.poses import mat66d
@@ -101,7 +102,10 @@ class Belief:
 
 @wp.struct
 class MemberModel:
-    """What the estimator knows of one robot: IMU noise, wheels, camera mounting, size, whether it is a spare picket."""
+    """What the estimator knows of one robot: IMU noise, wheels, camera, size, whether it is a spare picket.
+
+    ``focal_sigma`` and ``centre_sigma`` are how far its camera may be off, relative and in radians.
+    """
 
     gyro_noise: wp.float64
     accel_noise: wp.float64
@@ -118,6 +122,8 @@ class MemberModel:
     slip_time: float
     R_body_camera: wp.mat33d
     p_body_camera: wp.vec3d
+    focal_sigma: wp.float64
+    centre_sigma: wp.float64
     contact_radius: float
     body_radius: float
     body_height: float
@@ -128,7 +134,7 @@ class MemberModel:
     laser: int
 
 
-def member_models(team: Team, device: str) -> wp.array:
+def member_models(team: Team, settings: Estimation, device: str) -> wp.array:
     """Pack what the estimator knows of each robot (N,)."""
     models: list[MemberModel] = []
     for member in team.members:
@@ -148,6 +154,8 @@ def member_models(team: Team, device: str) -> wp.array:
         if member.camera is not None:
             model.R_body_camera = wp.mat33d(*body_from_camera(member.camera.pitch_down_rad).ravel())
             model.p_body_camera = wp.vec3d(*member.camera.position_m)
+            model.focal_sigma = settings.focal_sigma
+            model.centre_sigma = settings.centre_sigma_px / member.camera.fx_px
         models.append(model)
     return wp.array(models, dtype=MemberModel, device=device)
 

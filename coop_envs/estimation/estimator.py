@@ -126,7 +126,7 @@ class TeamEstimator:
         teams, n = running.shape[0], len(team.members)
         self.device, self.teams = device, teams
         self._map_model, self._known_m = map_model, settings.start_ground_m
-        self.members = member_models(team, device)
+        self.members = member_models(team, settings, device)
         self.belief = allocate_belief(team, teams, device)
         reach_m = map_model.mark_radius + max(map_model.mark_radius, *(m.robot.body_radius_m for m in team.members))
         scanning = map_model.levels > 0

@@ -34,7 +34,7 @@ class Estimation:
     ``start_*`` say how exactly people set robots down and how level the ground is there: standard deviations, which the
     filter starts from; within ``start_ground_m`` of there they have seen the ground carry a robot. ``slip_*`` are the
     random walk of a robot at rest. ``focal_sigma`` (relative) and ``centre_sigma_px`` say how well the cameras are
-    calibrated; a point that is less certain than ``point_sigma_m`` is not used.
+    calibrated, for poses and points; a point that is less certain than ``point_sigma_m`` is not used.
     """
 
     __pydantic_config__ = STRICT

@@ -87,6 +87,28 @@ def innovation(rows: wp.array3d[wp.float64], b: int, view: Sighting, noise: mat6
 
 
 @wp.func
+def calibration_noise(member: MemberModel, p: wp.vec3d) -> mat66d:
+    """What errors of the focal length and the principal point add to the covariance of a pose at p (camera axes).
+
+    A longer focal length brings the robot nearer, a shifted centre turns all that the camera sees. Such errors do not
+    average out, but sightings are fused as if they did: so they count as often as a pair at rest is averaged.
+    """
+    zero = wp.float64(0.0)
+    one = wp.float64(1.0)
+    nearer = vec6d(zero, zero, zero, zero, zero, p[2]) * member.focal_sigma
+    pitched = vec6d(one, zero, zero, zero, -p[2], p[1]) * member.centre_sigma
+    panned = vec6d(zero, one, zero, p[2], zero, -p[0]) * member.centre_sigma
+    total = wp.outer(nearer, nearer) + wp.outer(pitched, pitched) + wp.outer(panned, panned)
+    return total * wp.float64(ENOUGH_SIGHTINGS)
+
+
+@wp.func
+def pose_noise(measured: Measurements, member: MemberModel, b: int, i: int, j: int) -> mat66d:
+    """Covariance of the pose of robot j from the camera of robot i."""
+    return measured.covariance[b, i, j] + calibration_noise(member, wp.vec3d(measured.p_camera_body[b, i, j]))
+
+
+@wp.func
 def correct_pose(
     belief: Belief, measured: Measurements, member: MemberModel, rows: wp.array3d[wp.float64],
     b: int, i: int, j: int,
@@ -94,7 +116,7 @@ def correct_pose(
     """Update with the pose of robot j from the camera of robot i."""
     view = compare(belief, measured, member, b, i, j)
     project_rows(belief, rows, b, view, 0, 15 * belief.slots[b])
-    S = innovation(rows, b, view, measured.covariance[b, i, j])
+    S = innovation(rows, b, view, pose_noise(measured, member, b, i, j))
     return correct(belief, rows, b, 6, S, view.residual, GATE_SIX)
 
 
@@ -107,7 +129,7 @@ def confirm_pose(
     view = compare(belief, measured, member, b, i, j)
     project_rows(belief, rows, b, view, view.camera, view.camera + 6)
     project_rows(belief, rows, b, view, view.robot, view.robot + 6)
-    L = cholesky6(innovation(rows, b, view, measured.covariance[b, i, j]))
+    L = cholesky6(innovation(rows, b, view, pose_noise(measured, member, b, i, j)))
     y = whitened(L, view.residual, 6)
     return L[0, 0] > wp.float64(0.0) and wp.dot(y, y) <= GATE_SIX
 

@@ -79,6 +79,12 @@ def test_scanning_costs_what_the_power_model_says():
     np.testing.assert_allclose(spent, 0.05 * lit / 30 + 0.5 * 0.01 * moved, rtol=0.02)
 
 
+def pose_nees(team: Surveyors) -> np.ndarray:
+    """Mean squared Mahalanobis distance of each team's poses over 6, (B,)."""
+    score = team.batch.score
+    return score.nees_sum.numpy() / np.maximum(score.nees_count.numpy(), 1) / 6.0
+
+
 def test_badly_calibrated_cameras_cost_what_the_covariance_says():
     """Focal lengths off by 1 % and centres by 2 px, known as such: points err more, and their covariance knows."""
     off: dict[str, Any] = {"sensing": {**QUIET["sensing"], "calibration": {"focal_share": 0.01, "centre_px": 2.0}}}
@@ -87,7 +93,10 @@ def test_badly_calibrated_cameras_cost_what_the_covariance_says():
     teams = [Surveyors("corner", teams=60, seed=7, **{**QUIET, **off, **extra}) for extra in (nothing, known)]
     unaware, aware = (np.mean([s.normalised.mean() for s in t.scan(40) if len(s.points) > 20]) for t in teams)
     assert unaware > 1.5
-    assert 0.6 < aware < 1.3
+    assert 0.4 < aware < 1.3, "what a camera's pose and its spot have in common is not taken off"
+    off_pose, known_pose = (np.mean(pose_nees(team)) for team in teams)
+    assert off_pose > 10.0
+    assert 0.5 < known_pose < 1.3
 
 
 def test_teams_that_wait_keep_their_rasters_and_observations():

@@ -11,6 +11,7 @@ from coop_envs.agents.team import Team
 from coop_envs.estimation.belief import Belief, MemberModel, allocate_belief, member_models
 from coop_envs.estimation.correction import correct_odometry, correct_rest
 from coop_envs.estimation.propagation import FilterModel, Transition, add_noise, integrate, propagate_covariance
+from coop_envs.estimation.settings import Estimation
 from coop_envs.estimation.sightings import compare, confirm_pose, correct_pose, innovation, project_rows
 from coop_envs.sensing.measurements import Measurements, allocate_measurements
 from coop_envs.sensing.poses import mat66d, vec6d
@@ -108,7 +109,7 @@ class Bench:
     def __init__(self, team: Team = TEAM, seed: int = 0) -> None:
         self.n = len(team.members)
         self.rng = np.random.default_rng(seed)
-        self.members = member_models(team, "cpu")
+        self.members = member_models(team, Estimation(), "cpu")
         self.belief: Belief = allocate_belief(team, 1, "cpu")
         self.measured: Measurements = allocate_measurements(1, self.n, TICKS, "cpu")
         self.rows = wp.zeros((1, 6, self.belief.covariance.shape[1]), dtype=wp.float64)

@@ -128,6 +128,13 @@ def test_a_robot_in_the_ray_takes_the_spot_and_one_in_view_hides_it():
     assert spots(physics, 0) is not None and spots(physics, 1) is None
 
 
+def test_a_robot_on_a_deck_above_the_ray_is_not_in_its_way():
+    physics, _ = bench(robots=3, starts=[(0.0, 0.0, 0.0), (0.2, 0.8, -0.5), (0.6, 0.0, 0.0)])
+    physics.state.position.numpy()[0, 2, 2] += 1.0
+    aim(physics, 0, -3)
+    assert spots(physics, 0) is not None and spots(physics, 1) is not None
+
+
 def test_the_dimmest_duty_that_shows_falls_with_the_square_of_the_distance():
     """Lambert: signal = gain duty albedo cos / d^2, so the least visible duty is the threshold over the rest."""
     for x in (0.0, 0.5):

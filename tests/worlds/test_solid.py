@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 import trimesh
@@ -187,3 +189,16 @@ def touches(mesh: trimesh.Trimesh, low: np.ndarray, high: np.ndarray) -> bool:
         if part is None or not len(part.faces):
             return False
     return True
+
+
+def test_cells_hold_what_their_slabs_hold():
+    """A box of 10 cm on a floor at 0: cells in it and under the floor hold something, those over it do not."""
+    heights = np.zeros((41, 41), dtype=np.float32)
+    heights[20:31, 20:31] = 0.1
+    world = dataclasses.replace(world_of_ground(HeightField(heights, (0.0, 0.0), 0.025)), starts=((0.2, 0.2, 0.0),))
+    columns = solid_columns(world, CELL, SLAB)
+    places = {(0.62, 0.62, 0.05): True, (0.62, 0.62, 0.14): False, (0.2, 0.2, 0.05): False, (0.2, 0.2, -0.03): True}
+    places |= {(0.2, 0.2, -5.0): True, (0.2, 0.2, 9.0): False, (-1.0, 0.2, 0.05): True}
+    held = columns.holds(np.array(list(places)), 0.05)
+    np.testing.assert_array_equal(held, list(places.values()))
+    assert columns.top_m == pytest.approx(columns.base_m + 1.6)
