@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from baselines.common_view import LEAST_PARALLAX, SIGHT_STEP_M, SPOT_RANGE_M, Sector, Walls, hidden, parallax, views
 from baselines.driving import Scan
 from baselines.team_view import RobotView
+from coop_envs.agents.raster import raster_axes
 from coop_envs.agents.specification import Laser
 from coop_envs.agents.team import Member
 from coop_envs.mapping.planning import BeliefGrid, Mask, Points
@@ -149,9 +150,7 @@ def _told(points: Points, used: Mask, watchers: list[Watcher], tries: Tries) -> 
 
 def fan(laser: Laser, scan: Scan) -> NDArray[np.float64]:
     """Directions (k, 2) of a raster's points, left and up of the robot's heading."""
-    half = [round(scan.share * half_rad / laser.count_rad) for half_rad in laser.raster_half_rad]
-    counts = [n - laser.step_counts * np.arange(2 * n // laser.step_counts + 1) for n in half]
-    left, up = np.meshgrid(*(laser.count_rad * axis for axis in counts))
+    left, up = np.meshgrid(*(laser.count_rad * axis for axis in raster_axes(laser, scan.share)))
     return np.column_stack([scan.azimuth_rad + left.ravel(), scan.elevation_rad + up.ravel()]).astype(np.float64)
 
 

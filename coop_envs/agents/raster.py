@@ -9,8 +9,11 @@ Source: thesis sections 6.4, 6.5; the Zumy's firmware for counts.
 
 from __future__ import annotations
 
+import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
+from coop_envs.agents.specification import Laser
 from coop_envs.agents.team import Team
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
@@ -75,6 +78,16 @@ def laser_models(team: Team, tick_s: float, device: str) -> wp.array:
     return wp.array(models, dtype=LaserModel, device=device)
 
 
+def raster_axes(laser: Laser, share: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Counts from a raster's centre to its columns (left first) and rows (top first), at a share of the full width."""
+    axes = []
+    for half_rad in laser.raster_half_rad:
+        wide = round(share * round(half_rad / laser.count_rad)) + laser.step_counts // 2
+        steps = min(wide, int(laser.max_deflection_rad / laser.count_rad + 1e-6)) // laser.step_counts
+        axes.append(laser.step_counts * np.arange(steps, -steps - 1, -1))
+    return axes[0], axes[1]
+
+
 @wp.func
 def columns(half: wp.vec2i, step: int, axis: int) -> int:
     """How many points a raster has along an axis."""
@@ -103,7 +116,8 @@ def begin_raster(raster: Raster, model: LaserModel, b: int, r: int, request: flo
     centre = wp.vec2i()
     half = wp.vec2i()
     for axis in range(2):
-        half[axis] = wp.min(int(wp.round(request * float(model.half[axis]))), model.limit) // model.step * model.step
+        wide = int(wp.round(request * float(model.half[axis]))) + model.step // 2
+        half[axis] = wp.min(wide, model.limit) // model.step * model.step
         room = model.limit - half[axis]
         centre[axis] = wp.clamp(int(wp.round(wanted[axis] * float(model.limit))), -room, room)
     raster.centre[b, r] = centre

@@ -9,7 +9,7 @@ import warp as wp
 from coop_envs.agents.catalog import load_team
 from coop_envs.agents.command import allocate_command
 from coop_envs.agents.control import control, drive_models
-from coop_envs.agents.raster import Raster, laser_models
+from coop_envs.agents.raster import Raster, laser_models, raster_axes
 from coop_envs.device import prepare
 from coop_envs.geometry.arrays import allocate
 
@@ -94,6 +94,17 @@ def test_a_raster_covers_its_window_row_by_row_back_and_forth(bench):
     across, down = np.arange(60, -61, -3), np.arange(round(-0.25 * LIMIT) + 24, round(-0.25 * LIMIT) - 25, -3)
     rows = [[(x, y) for x in (across if k % 2 == 0 else across[::-1])] for k, y in enumerate(down)]
     np.testing.assert_allclose(points, np.concatenate(rows), atol=1e-9)
+
+
+@pytest.mark.parametrize("share", [0.05, 0.1, 0.25, 0.37, 0.5, 1.0])
+def test_a_raster_has_the_points_that_are_foretold(bench, share):
+    bench.run(request=share)
+    laser = load_team("surveyors").members[0].laser
+    assert laser is not None
+    left, up = raster_axes(laser, share)
+    points = np.array([shot[2] for shot in bench.shots]).round(6)
+    foretold = {(float(x), float(y)) for x in left for y in up + round(-0.25 * LIMIT)}
+    assert {tuple(point) for point in points.tolist()} == foretold and len(points) == len(foretold)
 
 
 def test_no_move_is_lost_and_the_laser_is_lit_at_rest(bench):
