@@ -21,12 +21,13 @@ from coop_envs.errors import ConfigError
 from coop_envs.geometry.arrays import allocate, assign, to_numpy
 from coop_envs.mapping.information import cell_information_ubit
 from coop_envs.scenario import Scenario
-from coop_envs.scoring import TERMS, Score, judge, open_account, pack_truth, pickets, score_model
+from coop_envs.scoring import TERMS, Score, judge, open_account, pickets, score_model
 from coop_envs.sensing.leds import LedModel
 from coop_envs.sensing.spots import SpotModel
 from coop_envs.simulation.calibration import CalibrationError
 from coop_envs.simulation.fast import FastPhysics, Placement
 from coop_envs.simulation.step import Clock
+from coop_envs.truth_lookup import pack_truth
 from coop_envs.world_pool import WorldPool
 from coop_envs.worlds.world import World
 

@@ -13,8 +13,8 @@ from coop_envs.mapping.ground_map import VOLUME, GroundMap, MapModel, evidence_a
 from coop_envs.mapping.information import cell_information_ubit, held_ubit, information_bits
 from coop_envs.point_accuracy import surface_distance_m
 from coop_envs.recording.scan import Scan
-from coop_envs.scoring import Truth, solid_at, truth_cell
 from coop_envs.simulation.state import State
+from coop_envs.truth_lookup import Truth, solid_at, truth_cell
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
