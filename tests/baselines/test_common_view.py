@@ -78,7 +78,7 @@ def test_rays_land_where_the_ground_or_a_known_wall_is() -> None:
     landed, lands = landing(watcher(0, 0, 0), fan(MEMBER.laser, scan), grid())  # type: ignore[arg-type]
     assert lands.all()
     height_m = MEMBER.robot.body_height_m + 0.08
-    np.testing.assert_allclose(np.hypot(*landed.T).min(), height_m / math.tan(0.15), rtol=0.01)
+    np.testing.assert_allclose(np.hypot(*landed.T).min(), height_m / math.tan(0.17), rtol=0.01)
     stopped, _ = landing(watcher(0, 0, 0), fan(MEMBER.laser, scan), grid(0.9))  # type: ignore[arg-type]
     assert stopped[:, 0].max() < 1.05
 
