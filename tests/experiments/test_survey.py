@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from baselines.inchworm_poses import ScanPose
+from coop_envs.agents.raster import raster_axes
+from coop_envs.agents.specification import Laser
 from coop_envs.errors import CoopError
 from coop_envs.scenario import load_scenario
 from experiments import survey as survey_module
@@ -22,7 +24,7 @@ def test_a_scan_lights_every_point_of_its_raster_once():
     survey.flash("poses", 1.0)
     survey.scan("scan", 0, Sweep(share=0.3))
     shots = Shots.joined([decision.shots for decision in survey.log])
-    across, up = 2 * 18 // 3 + 1, 2 * round(7.5) // 3 + 1  # half a width in counts, three counts a step
+    across, up = (len(axis) for axis in raster_axes(Laser(), 0.3))
     assert np.bincount(shots.team).tolist() == [across * up] * 3
     assert {decision.phase for decision in survey.log if len(decision.shots)} == {"scan"}
     assert np.all(np.diff(shots.time_s[shots.team == 1]) > 0)
