@@ -2,7 +2,7 @@
 
 Three trips: the authors' timing and raster on a floor and one wall, every spot seen, for their scene is not known
 (`scan_trip.plane_spots`); and twice in the environment (`surveyed_trip`), with its points and its joules: once with the
-laser's full raster, once with the authors' 170 points. Cylinders are united by cells, see `BlockMap.h_v`.
+laser's full raster, once with 187 points over the authors' angles. Cylinders are united by cells, see `BlockMap.h_v`.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Config:
     trip: Trip = field(default_factory=Trip)
     surveyed: tuple[tuple[str, SurveyedTrip], ...] = (
         ("environment, full raster", FULL_RASTER),
-        ("environment, 170 points", AUTHORS_RASTER),
+        ("environment, 187 points", AUTHORS_RASTER),
     )
     robot: str = "zumy"
     steps_per_point: int = 5

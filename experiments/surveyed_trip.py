@@ -43,7 +43,7 @@ class SurveyedTrip:
 
 FULL_RASTER = SurveyedTrip()
 AUTHORS_RASTER = SurveyedTrip(Sweep(1.0, 0.175, 0.0), tuple(AUTHORS_LASER.items()))
-"""170 points, 0.05 rad apart, over the authors' angles: row by row, not theirs column by column."""
+"""187 points, 0.05 rad apart, over the authors' angles and one column more, for ours lie evenly about their centre."""
 
 
 @dataclass(frozen=True, eq=False)
