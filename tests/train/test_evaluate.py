@@ -175,7 +175,8 @@ def test_a_folder_below_a_file_is_refused(options, tmp_path):
 def test_ctrl_c_keeps_finished_episodes_and_says_so(tmp_path):
     out = tmp_path / "out"
     program = (
-        "import sys; from pathlib import Path; from coop_envs.cli import guarded;"
+        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"  # a background job ignores it
+        "from pathlib import Path; from coop_envs.cli import guarded;"
         "from tests.train.fake_team import make_env; from train.evaluate import Options, evaluate;"
         f"options = Options(policy=({STILL!r},), episodes=50, jobs=2, out=Path({str(out)!r}));"
         "sys.exit(guarded(lambda: evaluate(options, 'coop evaluate', make_env)))"
