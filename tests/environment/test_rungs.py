@@ -79,7 +79,7 @@ def outcome(fidelity: str, team: str) -> Outcome:
 
 
 def report(name: str, poses: Outcome, features: Outcome) -> str:
-    """Both rungs' figures, for the message of a failure."""
+    """Both rungs' figures: `pytest -s` shows them, and so does a failure."""
     rows = [
         f"{fidelity}: drift {one.drift_m.mean():.4f} m, {np.degrees(one.heading_rad.mean()):.3f} deg, "
         f"{one.sightings.sum()} sightings, {one.wrong.sum()} wrong"
@@ -93,6 +93,7 @@ def report(name: str, poses: Outcome, features: Outcome) -> str:
 def test_rungs_are_equivalent_on_the_same_truth(team):
     poses, features = (outcome(fidelity, team) for fidelity in ("poses", "features"))
     told = report(team, poses, features)
+    print(told)
     np.testing.assert_array_equal(poses.truth, features.truth)
     assert poses.sightings.sum() > 50 * TEAMS, told
     assert features.sightings.sum() == pytest.approx(poses.sightings.sum(), rel=0.1), told

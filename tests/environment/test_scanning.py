@@ -27,8 +27,10 @@ def test_points_lie_where_the_laser_landed_within_their_covariance():
 
 @pytest.mark.slow
 def test_the_points_of_the_corner_are_consistent():
-    """Issue figure: mean squared Mahalanobis distance over 3 within 0.9 to 1.1."""
-    assert 0.9 < np.mean([e.mean() for e in normalised_errors(300, 1000, 60)]) < 1.1
+    """Mean squared Mahalanobis distance over 3 within 0.9 to 1.1; `pytest -s` shows it."""
+    mean = np.mean([e.mean() for e in normalised_errors(300, 1000, 60)])
+    print(f"normalised point error: {mean:.3f}")
+    assert 0.9 < mean < 1.1
 
 
 def test_missed_and_false_spots_cost_points_and_place_few_wrong_ones():
