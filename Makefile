@@ -46,5 +46,5 @@ $(VENV)/.demo: pyproject.toml constraints.txt | $(VENV)/bin/python
 	@touch $@
 
 $(VENV)/.test: pyproject.toml constraints.txt | $(VENV)/bin/python
-	$(INSTALL) '.[viz,log,train,dev]'
+	$(INSTALL) '.[viz,log,train,rllib,torchrl,dev]'
 	@touch $@ $(VENV)/.demo
