@@ -7,6 +7,7 @@ batch of one is the single environment.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,65 +19,86 @@ from coop_envs.agents.control import control, drive_models
 from coop_envs.agents.raster import Raster, rest_rasters
 from coop_envs.belief_loop import BeliefLoop, BeliefSettings
 from coop_envs.errors import ConfigError
-from coop_envs.geometry.arrays import allocate, assign, to_numpy
+from coop_envs.geometry.arrays import allocate, assign, part_of, to_numpy
 from coop_envs.mapping.information import cell_information_ubit
+from coop_envs.observations import Observations, allocate_observations
+from coop_envs.packed_pool import PackedPool, tell_plans
 from coop_envs.scenario import Scenario
 from coop_envs.scoring import TERMS, Score, judge, open_account, pickets, score_model
 from coop_envs.sensing.leds import LedModel
 from coop_envs.sensing.spots import SpotModel
 from coop_envs.simulation.calibration import CalibrationError
-from coop_envs.simulation.fast import FastPhysics, Placement
+from coop_envs.simulation.fast import FastPhysics
 from coop_envs.simulation.step import Clock
-from coop_envs.truth_lookup import pack_truth
 from coop_envs.world_pool import WorldPool
 from coop_envs.worlds.world import World
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """What a batch and its user exchange, device arrays over B teams: ``actions`` (B, N, 8) in, the others out."""
+
+    actions: wp.array
+    observations: Observations
+    score: Score
+
+    def part(self, rows: slice) -> Exchange:
+        """These teams' part of the same memory."""
+        return Exchange(self.actions[rows], part_of(self.observations, rows), part_of(self.score, rows))
+
+
+def allocate_exchange(scenario: Scenario, pool: WorldPool, teams: int, device: str) -> Exchange:
+    """An exchange of nothing yet."""
+    n, (nx, ny) = len(scenario.team.members), pool.map_shape
+    return Exchange(
+        wp.zeros((teams, n, ACTION_SIZE), dtype=float, device=device),
+        allocate_observations(teams, n, device),
+        allocate(Score, (teams, n), device, terms=(teams, len(TERMS)), covered=(teams, nx * ny)),
+    )
 
 
 class TeamBatch:
     """B teams of the scenario's robots in the worlds of a pool.
 
     ``actions`` (B, N, 8) is written by the caller before `step`; ``observations``, ``score``, ``belief`` and ``state``
-    hold the outcome. All are device arrays; on the CPU ``.numpy()`` of each is a view.
+    hold the outcome. All are device arrays; on the CPU ``.numpy()`` of each is a view. ``exchange`` may be a part of a
+    larger one.
     """
 
-    def __init__(self, scenario: Scenario, pool: WorldPool, teams: int, device: str) -> None:
-        n = len(scenario.team.members)
-        self.scenario, self.pool, self.teams, self.device = scenario, pool, teams, device
-        leds = _led_model(scenario, pool.worlds[0])
-        spots = _spot_model(scenario, pool.worlds[0])
-        self.physics = FastPhysics(
-            scenario.team,
-            pool.worlds,
-            _clock(scenario),
-            leds,
-            spots,
-            teams,
-            device,
-            Placement(scenario.estimation.start_position_m, scenario.estimation.start_yaw_rad),
-            scenario.fidelity,
-            _calibration_error(scenario),
-        )
+    def __init__(self, scenario: Scenario, packed: PackedPool, teams: int, exchange: Exchange | None = None) -> None:
+        n, device = len(scenario.team.members), packed.device
+        self.scenario, self.pool, self.teams, self.device = scenario, packed.pool, teams, device
+        exchange = exchange or allocate_exchange(scenario, packed.pool, teams, device)
+        self.actions, self.observations, self.score = exchange.actions, exchange.observations, exchange.score
+        world = packed.pool.worlds[0]
+        models = _clock(scenario), _led_model(scenario, world), _spot_model(scenario, world)
+        calibration = _calibration_error(scenario)
+        self.physics = FastPhysics(scenario.team, packed.stage, *models, teams, scenario.fidelity, calibration)
         self.state, self.running = self.physics.state, self.physics.running
+        self.starting = self.physics.starting
         self.measurements, self.command = self.physics.measurements, self.physics.command
-        settings = belief_settings(scenario, pool.map_shape)
-        self.loop = BeliefLoop(settings, self.measurements, self.command, self.running, device)
+        settings = belief_settings(scenario, packed.pool.map_shape)
+        self.loop = BeliefLoop(settings, self.measurements, self.command, self.running, device, self.observations)
         self.belief, self.map, self.map_model = self.loop.belief, self.loop.map, self.loop.map_model
-        self.observations = self.loop.observations
-        self.actions = wp.zeros((teams, n, ACTION_SIZE), dtype=float, device=device)
-        covered = (teams, self.map_model.nx * self.map_model.ny)
-        self.score: Score = allocate(Score, (teams, n), device, terms=(teams, len(TERMS)), covered=covered)
-        self.truth = pack_truth(pool.worlds, pool.truth, pool.solids, device)
-        kinds = pickets(scenario.team, device)
-        table = wp.array(cell_information_ubit(), dtype=int, device=device)
-        self._accounts = [self.state, self.map, self.truth, self.map_model, self.score]
-        drives = drive_models(scenario.team, scenario.task.collect_lost, device)
+        self.truth = packed.truth
         self.raster: Raster = allocate(Raster, (teams, n), device)
+        table = wp.array(cell_information_ubit(), dtype=int, device=device)
+        accounts = [self.state, self.map, self.truth, self.map_model, self.score]
+        drives = drive_models(scenario.team, scenario.task.collect_lost, device)
         told = [self.actions, self.belief.declared, self.belief.undock, self.belief.clock]
         called = [*told, drives, self.physics.lasers, self.raster, self.command, self.running]
         weights = score_model(scenario.reward, scenario.task, scenario.rates.decision_s)
         scored = [self.state, self.belief, self.map, self.truth, self.map_model, weights, self.score]
+        estimator, chosen = self.loop.estimator, self.starting.chosen
+        self._tell_plans = self._record(
+            tell_plans,
+            teams,
+            [self.starting, packed.sites, estimator.plans, estimator.corner, estimator.cells, estimator.chosen],
+        )
+        self._rest_rasters = self._record(rest_rasters, (teams, n), [self.raster, chosen])
+        self._open_account = self._record(open_account, teams, [*accounts, chosen])
         self._control = self._record(control, (teams, n), called)
-        self._judge = self._record(judge, teams, [*scored, kinds, table, self.running])
+        self._judge = self._record(judge, teams, [*scored, pickets(scenario.team, device), table, self.running])
 
     def _record(self, kernel: wp.Kernel, dim: int | tuple[int, int], inputs: list[object]) -> wp.Launch:
         return wp.launch(kernel, dim, inputs=inputs, device=self.device, record_cmd=True)
@@ -86,12 +108,18 @@ class TeamBatch:
 
         chosen (B,) 0 or 1, keys (B,) random keys, worlds (B,) places in the pool.
         """
-        self.physics.reset(chosen, keys, worlds)
-        pool = self.pool
-        self.loop.reset(chosen, pool.plan(worlds))
-        mask = wp.array(chosen, dtype=int, device=self.device)
-        wp.launch(rest_rasters, self.raster.point.shape, inputs=[self.raster, mask], device=self.device)
-        wp.launch(open_account, self.teams, inputs=[*self._accounts, mask], device=self.device)
+        self.starting.chosen.assign(chosen)
+        self.starting.key.assign(keys)
+        self.starting.world.assign(worlds)
+        self.start()
+
+    def start(self) -> None:
+        """Set down anew the teams that ``starting`` names."""
+        self.physics.place()
+        self._tell_plans.launch()
+        self.loop.estimator.begin()
+        self._rest_rasters.launch()
+        self._open_account.launch()
 
     def snapshot(self) -> dict[str, dict[str, NDArray[np.generic]]]:
         """A copy of everything that changes, by part and name; `restore` brings it back."""

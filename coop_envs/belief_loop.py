@@ -14,7 +14,7 @@ from coop_envs.agents.team import Team
 from coop_envs.estimation.estimator import Plan, TeamEstimator
 from coop_envs.estimation.settings import Estimation, MapSettings, Rates
 from coop_envs.mapping.ground_map import MapModel
-from coop_envs.observations import ViewModel, allocate_observations, observe
+from coop_envs.observations import Observations, ViewModel, allocate_observations, observe
 from coop_envs.sensing.measurements import Measurements
 
 
@@ -33,7 +33,7 @@ class BeliefSettings:
 class BeliefLoop:
     """Beliefs, maps and observations of B teams, a function of plans, ``measurements`` and ``command`` alone.
 
-    Teams whose ``running`` (B,) is 0 stay as they are.
+    Teams whose ``running`` (B,) is 0 stay as they are. ``observations`` are written where they are given.
     """
 
     def __init__(
@@ -43,6 +43,7 @@ class BeliefLoop:
         command: Command,
         running: wp.array,
         device: str,
+        observations: Observations | None = None,
     ) -> None:
         teams, n = running.shape[0], len(settings.team.members)
         self.map_model = _map_model(settings)
@@ -50,7 +51,7 @@ class BeliefLoop:
             settings.team, settings.rates, settings.estimation, self.map_model, measurements, command, running, device
         )
         self.belief, self.map, self.plans = self.estimator.belief, self.estimator.map, self.estimator.plans
-        self.observations = allocate_observations(teams, n, device)
+        self.observations = observations or allocate_observations(teams, n, device)
         seen = [self.belief, self.map, self.map_model, _view_model(settings), self.estimator.members]
         self.points = self.estimator.points
         inputs = [*seen, measurements.gyro, command, self.points, self.observations, running]

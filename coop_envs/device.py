@@ -27,6 +27,11 @@ def prepare(device: str) -> str:
     return device
 
 
+def available_cpus() -> int:
+    """How many CPUs this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def _start_quietly() -> None:
     """Initialise Warp; of what its native part writes to stderr, the line that a machine has no GPU is left out."""
     sys.stderr.flush()

@@ -62,6 +62,7 @@ def vector_env(
     physics: str = "fast",
     split: Split = "train",
     seed: int = 0,
+    threads: int | None = None,
     **overrides: Any,
 ) -> ExplorationVectorEnv:
     """``num_envs`` teams in step; see `vector_env.ExplorationVectorEnv`."""
@@ -69,6 +70,7 @@ def vector_env(
 
     chosen = load_scenario(scenario, fidelity=fidelity, physics=physics, **overrides)
     settings: dict[str, Any] = {"num_worlds": num_worlds, "max_robots": max_robots, "split": split, "seed": seed}
+    settings |= {"threads": threads}
     return ExplorationVectorEnv(chosen, num_envs, device=device, **settings)
 
 

@@ -18,6 +18,7 @@ from coop_envs.errors import ActionError, CoopError, require
 from coop_envs.geometry.keyed_random import team_key
 from coop_envs.metrics import episode_metrics
 from coop_envs.observations import by_agent, describe, observation_arrays, observation_space
+from coop_envs.packed_pool import PackedPool
 from coop_envs.policy import TeamDescription
 from coop_envs.recording.frame import Frame, WorldPicture
 from coop_envs.recording.scan import Scan
@@ -128,7 +129,8 @@ class ExplorationParallelEnv(ParallelEnv[str, Observation, NDArray[np.float32]])
         split = chosen.get("split", self.split)
         index = int(chosen.get("world_index", world_index(self._seed, self._episode, self.num_worlds)))
         if self._loaded != (split, index):
-            self._batch = TeamBatch(self.scenario, open_pool(self.scenario, split, [index]), 1, DEVICE)
+            packed = PackedPool(self.scenario, open_pool(self.scenario, split, [index]), DEVICE)
+            self._batch = TeamBatch(self.scenario, packed, 1)
             self._loaded = (split, index)
             self._picture = world_picture(self.batch.pool.worlds[0])
             self._link(self._batch)

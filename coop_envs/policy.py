@@ -16,6 +16,9 @@ from coop_envs.agents.team import Member
 from coop_envs.errors import ConfigError
 
 ENTRY_POINT_GROUP = "coop_envs.policies"
+FILE_ENTRY_POINT_GROUP = "coop_envs.policy_files"
+TRAINED = "onnx"
+"""What is looked for in the folder of a training run."""
 
 Observations = dict[str, dict[str, NDArray[Any]]]
 Actions = dict[str, NDArray[np.float32]]
@@ -84,28 +87,35 @@ def check_needs(policy: Policy, team: TeamDescription) -> None:
 
 
 def load_policy(name_or_path: str) -> Policy:
-    """Make a policy by its name, or from a Python file that defines ``make_policy() -> Policy``.
+    """Make a policy by its name, from a trained policy's file or folder, or from a Python file.
 
-    Names are entry points of the group ``coop_envs.policies``; only the one asked for is imported.
+    Names are entry points of the group ``coop_envs.policies``; only the one asked for is imported. A Python file
+    defines ``make_policy() -> Policy``. Other files are read by the entry point of the group
+    ``coop_envs.policy_files`` that is named like their suffix; a folder is that of a training run.
 
     Raises:
         ConfigError: if there is no such name or file, or the file makes no policy.
     """
-    if name_or_path.endswith(".py"):
-        return _load_file(Path(name_or_path))
+    path = Path(name_or_path)
+    if path.suffix == ".py":
+        return _load_module(path)
     points = {point.name: point for point in entry_points(group=ENTRY_POINT_GROUP)}
-    if name_or_path not in points:
-        raise ConfigError("policy", name_or_path, _expected_names(name_or_path, points))
-    return _checked(points[name_or_path].load()(), name_or_path)
+    if name_or_path in points:
+        return _checked(points[name_or_path].load()(), name_or_path)
+    kind = path.suffix.removeprefix(".") or TRAINED
+    readers = {point.name: point for point in entry_points(group=FILE_ENTRY_POINT_GROUP)}
+    if path.exists() and kind in readers:
+        return _checked(readers[kind].load()(path), name_or_path)
+    raise ConfigError("policy", name_or_path, _expected_names(name_or_path, points))
 
 
 def _expected_names(name: str, points: dict[str, EntryPoint]) -> str:
     close = difflib.get_close_matches(name, points, n=1)
     hint = f" (did you mean {close[0]!r}?)" if close else ""
-    return f"one of {', '.join(sorted(points))} or the path of a .py file{hint}"
+    return f"one of {', '.join(sorted(points))} or the path of a .onnx or .py file or of a training run{hint}"
 
 
-def _load_file(path: Path) -> Policy:
+def _load_module(path: Path) -> Policy:
     if not path.is_file():
         raise ConfigError("policy", str(path), "an existing .py file")
     spec = importlib.util.spec_from_file_location(f"policy_{path.stem}", path)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, ClassVar
 
 import gymnasium as gym
@@ -13,18 +16,23 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from coop_envs.actions import ACTION_SIZE, checked_action
-from coop_envs.batch import TeamBatch
-from coop_envs.device import prepare
+from coop_envs.batch import TeamBatch, allocate_exchange
+from coop_envs.device import available_cpus, prepare
 from coop_envs.errors import require
-from coop_envs.geometry.keyed_random import team_key
+from coop_envs.lane import Lane, joined, rows_of
 from coop_envs.observations import MAP_LAYERS, MATE_SIZE, MATES, SELF_SIZE, WINDOW, observation_arrays
+from coop_envs.packed_pool import PackedPool
 from coop_envs.recording.frame import WorldPicture
 from coop_envs.scenario import Scenario
 from coop_envs.scoring import TERMS
-from coop_envs.world_pool import default_num_worlds, open_pool, world_index
+from coop_envs.world_pool import default_num_worlds, open_pool
 from coop_envs.worlds.build import SPLITS, Split
 
 TeamObservations = dict[str, NDArray[Any]]
+
+PER_ROBOT = frozenset({"self", "mates", "mask", "map", "alive", "terminated", "truncated"})
+FEWEST = 8
+"""Teams that are worth a thread."""
 
 
 def team_observation_space(robots: int) -> spaces.Dict:
@@ -47,7 +55,8 @@ class ExplorationVectorEnv(VectorEnv[TeamObservations, NDArray[np.float32], NDAr
     `step` takes actions (B, N, 8) and gives observations, reward (B,), terminated and truncated (B, N). A team of which
     nobody is left is set down anew by the next step, whatever its actions; that step gives it reward 0. The entries of
     robots that are not alive are ignored. ``max_robots`` fills N up with robots that are never alive, so that one
-    policy can be trained on teams of several sizes.
+    policy can be trained on teams of several sizes. On the CPU the teams are shared out among ``threads``, one for
+    each CPU unless told otherwise; results do not depend on it.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}
@@ -62,24 +71,40 @@ class ExplorationVectorEnv(VectorEnv[TeamObservations, NDArray[np.float32], NDAr
         max_robots: int | None = None,
         split: Split = "train",
         seed: int = 0,
+        threads: int | None = None,
     ) -> None:
         require(num_envs >= 1, "num_envs", num_envs, "1 or more")
         require(num_worlds is None or num_worlds > 0, "num_worlds", num_worlds, "1 or more")
         require(split in SPLITS, "split", split, "train or heldout")
+        require(seed >= 0, "seed", seed, "0 or more")
+        require(threads is None or threads >= 1, "threads", threads, "1 or more")
         self.scenario, self.num_envs = scenario, num_envs
         self.num_worlds = num_worlds or default_num_worlds(scenario)
-        members = len(scenario.team.members)
-        robots = max_robots or members
-        require(robots >= members, "max_robots", max_robots, f"at least the team's {members}")
-        self._members, self._fill = members, robots - members
-        self.single_observation_space = team_observation_space(robots)
-        self.single_action_space = spaces.Box(-1.0, 1.0, (robots, ACTION_SIZE), np.float32)
+        self._members = len(scenario.team.members)
+        self._robots = max_robots or self._members
+        require(self._robots >= self._members, "max_robots", max_robots, f"at least the team's {self._members}")
+        self.single_observation_space = team_observation_space(self._robots)
+        self.single_action_space = spaces.Box(-1.0, 1.0, (self._robots, ACTION_SIZE), np.float32)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self.batch = TeamBatch(scenario, open_pool(scenario, split, range(self.num_worlds)), num_envs, prepare(device))
-        self._seeds = seed + np.arange(num_envs, dtype=np.int64)
-        self._episodes = np.full(num_envs, -1, dtype=np.int64)
-        self._to_reset = np.ones(num_envs, dtype=bool)
+        packed = PackedPool(scenario, open_pool(scenario, split, range(self.num_worlds)), prepare(device))
+        self._exchange = allocate_exchange(scenario, packed.pool, num_envs, packed.device)
+        shares = _shares(num_envs, 1 if packed.device != "cpu" else threads or available_cpus())
+        self.lanes = tuple(Lane(scenario, packed, rows, self._exchange.part(rows)) for rows in shares)
+        self._threads = ThreadPoolExecutor(len(self.lanes))
+        self._views = self._outcome() if packed.device == "cpu" else None
+        self._begin_series(np.ones(num_envs, dtype=bool), seed)
+
+    @property
+    def batch(self) -> TeamBatch:
+        """The batch behind an environment with a single lane."""
+        (lane,) = self.lanes
+        return lane.batch
+
+    def locate(self, team: int) -> tuple[TeamBatch, int]:
+        """The batch that holds a team, and its place there."""
+        lane = next(lane for lane in self.lanes if lane.rows.start <= team < lane.rows.stop)
+        return lane.batch, team - lane.rows.start
 
     def reset(
         self,
@@ -96,29 +121,11 @@ class ExplorationVectorEnv(VectorEnv[TeamObservations, NDArray[np.float32], NDAr
         require(chosen.shape == (self.num_envs,), "mask", chosen.shape, f"shape ({self.num_envs},)")
         if seed is not None:
             require(seed >= 0, "seed", seed, "0 or more")
-            self._seeds[chosen] = seed + np.flatnonzero(chosen)
-            self._episodes[chosen] = -1
-        self._place(chosen)
-        self.batch.running.assign(chosen.astype(np.int32))
-        self.batch.actions.assign(self._hold_where(chosen, np.zeros(self.batch.actions.shape, dtype=np.float32)))
-        self.batch.step()
-        self.batch.running.fill_(1)
-        self._to_reset[chosen] = False
-        return self._observe(), {}
-
-    def _place(self, chosen: NDArray[np.bool_]) -> None:
-        self._episodes[chosen] += 1
-        pairs = list(zip(self._seeds.tolist(), self._episodes.tolist(), strict=True))
-        keys = np.array([team_key(*pair) for pair in pairs], dtype=np.uint64)
-        worlds = np.array([world_index(*pair, self.num_worlds) for pair in pairs], dtype=np.int32)
-        self.batch.place(chosen.astype(np.int32), keys, worlds)
-
-    @staticmethod
-    def _hold_where(chosen: NDArray[np.bool_], actions: NDArray[np.float32]) -> NDArray[np.float32]:
-        actions = actions.copy()
-        actions[chosen] = 0.0
-        actions[chosen, :, 0] = 1.0
-        return actions
+            self._begin_series(chosen, seed)
+        self._each_lane(lambda lane: lane.reset(chosen[lane.rows]))
+        views, out = self._read(), self._room_for_outcome()
+        self._copy(views, slice(None), out)
+        return self._observations(out), {}
 
     def step(
         self, actions: ArrayLike
@@ -131,76 +138,112 @@ class ExplorationVectorEnv(VectorEnv[TeamObservations, NDArray[np.float32], NDAr
         Raises:
             ActionError: a wrong shape or a number that is not finite.
         """
-        actions = checked_action("all", actions, self.action_space.shape or ())
-        started = self._to_reset.copy()
-        if started.any():
-            self._place(started)
-            actions = self._hold_where(started, actions)
-        self.batch.actions.assign(actions[:, : self._members])
-        self.batch.step()
-        score = self.batch.score
-        reward, terms = score.reward.numpy().copy(), score.terms.numpy().copy()
-        reward[started], terms[started] = 0.0, 0.0
-        ended = score.done.numpy() == 1
-        self._to_reset = ended.copy()
-        observations = self._observe()
-        info: dict[str, Any] = {"reward_terms": terms, "started": started}
-        if ended.any():
-            info["final_obs"], info["_final_obs"] = observations, ended.copy()
-        terminated, truncated = (self._filled(ends.numpy() == 1) for ends in (score.terminated, score.truncated))
-        return observations, reward, terminated, truncated, info
+        asked = checked_action("all", actions, self.action_space.shape or ())[:, : self._members]
+        started = self._exchange.score.done.numpy() == 1
+        out = self._room_for_outcome()
+        if self._views is None:
+            self._exchange.actions.assign(asked)
+            self.advance()
+            self._copy(self._outcome(), slice(None), out)
+        else:
+            self._each_lane(lambda lane: self._play(lane, asked, out))
+        observations = self._observations(out)
+        info: dict[str, Any] = {"reward_terms": out["reward_terms"], "started": started}
+        if out["done"].any():
+            info["final_obs"], info["_final_obs"] = observations, out["done"]
+        return observations, out["reward"], out["terminated"], out["truncated"], info
 
-    def _filled(self, array: NDArray[Any]) -> NDArray[Any]:
-        """A copy with its axis of robots filled up with zeros."""
-        if self._fill == 0:
-            return array.copy()
-        return np.pad(array, [(0, 0), (0, self._fill)] + [(0, 0)] * (array.ndim - 2))
+    def advance(self) -> None:
+        """One decision by the device arrays alone (see `torch`): nothing is copied to or from the host."""
+        self._each_lane(Lane.step)
+
+    def _play(self, lane: Lane, actions: NDArray[np.float32], out: dict[str, NDArray[Any]]) -> None:
+        """One decision of a lane on the CPU, from its rows of ``actions`` to its rows of ``out``."""
+        assert self._views is not None
+        self._views["actions"][lane.rows] = actions[lane.rows]
+        lane.step()
+        self._copy(self._views, lane.rows, out)
+
+    def _each_lane(self, work: Callable[[Lane], None]) -> None:
+        """Do this for all lanes at the same time, the first in this thread."""
+        others = [self._threads.submit(work, lane) for lane in self.lanes[1:]]
+        work(self.lanes[0])
+        for other in others:
+            other.result()
+
+    def _begin_series(self, chosen: NDArray[np.bool_], seed: int) -> None:
+        seeds = np.uint64(seed) + np.arange(self.num_envs, dtype=np.uint64)
+        for lane in self.lanes:
+            lane.begin_series(chosen[lane.rows], seeds[lane.rows])
+
+    def _outcome(self) -> dict[str, NDArray[Any]]:
+        """All that is exchanged, by name; on the CPU views that stay valid, else copies."""
+        score = self._exchange.score
+        arrays = {"alive": score.alive, "reward": score.reward, "reward_terms": score.terms, "done": score.done}
+        arrays |= {"terminated": score.terminated, "truncated": score.truncated, "actions": self._exchange.actions}
+        return observation_arrays(self._exchange.observations) | {name: a.numpy() for name, a in arrays.items()}
+
+    def _read(self) -> dict[str, NDArray[Any]]:
+        return self._outcome() if self._views is None else self._views
+
+    def _room_for_outcome(self) -> dict[str, NDArray[Any]]:
+        """Zeros for all that a step gives, N robots wide."""
+        lead, spaces_of = (self.num_envs, self._robots), self.single_observation_space
+        room = {name: np.zeros((self.num_envs, *box.shape), box.dtype) for name, box in spaces_of.items() if box.shape}
+        room |= {name: np.zeros(lead, dtype=bool) for name in ("terminated", "truncated")}
+        room |= {"reward": np.zeros(self.num_envs, np.float32), "done": np.zeros(self.num_envs, dtype=bool)}
+        return room | {"reward_terms": np.zeros((self.num_envs, len(TERMS)), np.float32)}
+
+    def _copy(self, views: dict[str, NDArray[Any]], rows: slice, out: dict[str, NDArray[Any]]) -> None:
+        for name, target in out.items():
+            robots = slice(self._members) if name in PER_ROBOT else slice(None)
+            target[(rows, robots)[: target.ndim]][...] = views[name][rows]
+
+    def _observations(self, out: dict[str, NDArray[Any]]) -> TeamObservations:
+        return {name: out[name] for name in self.single_observation_space}
 
     @property
     def reward_terms(self) -> tuple[str, ...]:
         """Names of the columns of ``info["reward_terms"]``."""
         return TERMS
 
-    def _observe(self) -> TeamObservations:
-        arrays = observation_arrays(self.batch.observations)
-        arrays |= {"alive": self.batch.score.alive.numpy().astype(np.int8)}
-        return {name: self._filled(array) for name, array in arrays.items()}
-
     def torch(self) -> dict[str, Any]:
         """The device arrays of actions, observations, rewards and ends as torch tensors that share their memory.
 
-        They hold the team's own robots, without those that ``max_robots`` adds.
+        They hold the team's own robots, without those that ``max_robots`` adds. Write ``actions``, then `advance`.
         """
-        out, score = self.batch.observations, self.batch.score
+        out, score = self._exchange.observations, self._exchange.score
         b, n = score.alive.shape
-        arrays = {"actions": self.batch.actions, "self": out.own, "mates": out.mates, "mask": out.mask}
+        arrays = {"actions": self._exchange.actions, "self": out.own, "mates": out.mates, "mask": out.mask}
         arrays |= {"reward": score.reward, "terminated": score.terminated, "truncated": score.truncated}
-        arrays |= {"alive": score.alive, "reward_terms": score.terms}
+        arrays |= {"alive": score.alive, "reward_terms": score.terms, "done": score.done}
         tensors = {name: wp.to_torch(array) for name, array in arrays.items()}
         tensors["map"] = wp.to_torch(out.map).view(b, n, len(MAP_LAYERS), WINDOW, WINDOW)
         return tensors
 
     def get_state(self) -> dict[str, Any]:
-        """Everything that the teams' future depends on."""
-        return {
-            "batch": self.batch.snapshot(),
-            "seeds": self._seeds.copy(),
-            "episodes": self._episodes.copy(),
-            "to_reset": self._to_reset.copy(),
-        }
+        """Everything that the teams' future depends on, by part and name, arrays over B teams."""
+        return joined([lane.snapshot() for lane in self.lanes])
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Go back to what `get_state` gave.
+        """Go back to what `get_state` gave, here or with another number of threads.
 
         Raises:
             ConfigError: the state is of another batch.
         """
-        self.batch.restore(state["batch"])
-        self._seeds, self._episodes = state["seeds"].copy(), state["episodes"].copy()
-        self._to_reset = state["to_reset"].copy()
+        for lane in self.lanes:
+            lane.restore(rows_of(state, lane.rows))
 
-    def close_extras(self, **kwargs: Any) -> None:
-        """Nothing but arrays is held."""
+    def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002  Gymnasium's signature
+        """End the threads."""
+        self._threads.shutdown()
+
+
+def _shares(teams: int, threads: int) -> list[slice]:
+    """Equal runs of teams, one for each thread, none of fewer than `FEWEST`."""
+    lanes = max(1, min(threads, teams // FEWEST))
+    borders = [teams * k // lanes for k in range(lanes + 1)]
+    return [slice(low, high) for low, high in itertools.pairwise(borders)]
 
 
 class ExplorationTeamEnv(gym.Env[TeamObservations, NDArray[np.float32]]):

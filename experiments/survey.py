@@ -14,6 +14,7 @@ from coop_envs.batch import TeamBatch
 from coop_envs.device import prepare
 from coop_envs.errors import CoopError
 from coop_envs.geometry.keyed_random import team_key
+from coop_envs.packed_pool import PackedPool
 from coop_envs.scenario import Scenario
 from coop_envs.world_pool import open_pool
 from experiments.shots import DEVICE, BoolArray, FloatArray, Shots, read_shots
@@ -64,7 +65,7 @@ class Survey:
         pool = open_pool(scenario, "train", [0])
         self.scenario, self.teams, self.log = scenario, teams, list[Decision]()
         self.world = pool.worlds[0]
-        self.batch = TeamBatch(scenario, pool, teams, prepare(DEVICE))
+        self.batch = TeamBatch(scenario, PackedPool(scenario, pool, prepare(DEVICE)), teams)
         keys = np.array([team_key(seed + b, 0) for b in range(teams)], dtype=np.uint64)
         self.batch.place(np.ones(teams, dtype=np.int32), keys, np.zeros(teams, dtype=np.int32))
         self._rest = np.zeros((teams, len(scenario.team.members), len(ACTION_NAMES)), dtype=np.float32)

@@ -108,8 +108,11 @@ def episode_name(label: str, episode: int) -> str:
 
 
 def policy_label(policy: str) -> str:
-    """How results call a policy: its name, or its file's without the suffix."""
-    return Path(policy).stem if policy.endswith(".py") else policy
+    """A policy's name, or that of its file without the suffix; of the folder where the file is called policy.onnx."""
+    path = Path(policy)
+    if path.suffix not in (".onnx", ".py"):
+        return path.name
+    return path.absolute().parent.name if path.name == "policy.onnx" else path.stem
 
 
 def run_episode(job: EpisodeJob) -> Row:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
 import signal
 import sys
 import traceback
@@ -31,11 +30,6 @@ class _Worker:
     process: SpawnProcess
     connection: Connection
     index: int | None = None
-
-
-def available_cpus() -> int:
-    """How many CPUs this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def run_jobs(function: Callable[[Any], Any], jobs: Sequence[Any], workers: int) -> Generator[Outcome, None, None]:

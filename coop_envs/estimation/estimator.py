@@ -59,7 +59,6 @@ class TeamEstimator:
     ) -> None:
         teams, n = running.shape[0], len(team.members)
         self.device, self.teams = device, teams
-        self._map_model, self._known_m = map_model, settings.start_ground_m
         self.members = member_models(team, settings, device)
         self.belief = allocate_belief(team, teams, device)
         reach_m = map_model.mark_radius + max(map_model.mark_radius, *(m.robot.body_radius_m for m in team.members))
@@ -68,16 +67,23 @@ class TeamEstimator:
         self.map = allocate_map(teams, n, map_model, reach_m, device, swept)
         self.points: Points = allocate(Points, (teams, rates.ticks_per_decision), device)
         self.plans: Plans = allocate(Plans, (teams, n), device)
-        self._prior = _prior(settings)
+        self.corner, self.cells = (wp.zeros(teams, dtype=kind, device=device) for kind in (wp.vec2, wp.vec2i))
+        self.chosen = wp.zeros(teams, dtype=int, device=device)
+        prior = _prior(settings)
         rows = wp.zeros((teams, 6, self.belief.covariance.shape[1]), dtype=wp.float64, device=device)
         model = _filter_model(rates, settings)
         seen = [self.belief, measurements, self.members]
-        propagated = [self.belief, command, measurements, self.plans, self._prior, self.members, model, running]
+        propagated = [self.belief, command, measurements, self.plans, prior, self.members, model, running]
         self._launches = [
             self._record(propagate, propagated),
             self._record(fuse, [*seen, model, rows, running]),
             self._record(declare, [*seen, _stuck_model(rates, settings), running]),
             self._record(chart, [self.belief, self.map, self.members, map_model, running]),
+        ]
+        box = [self.corner, self.cells, self.plans.start, settings.start_ground_m]
+        self._begin = [
+            self._record(begin, [self.belief, self.plans, prior, self.members, self.chosen]),
+            self._record(begin_map, [self.map, map_model, *box, self.chosen]),
         ]
         if scanning:
             cameras = wp.array([camera_model(m.camera) for m in team.members], dtype=CameraModel, device=device)
@@ -94,13 +100,15 @@ class TeamEstimator:
         self.plans.start.assign(plan.start)
         self.plans.dock.assign(plan.dock)
         self.plans.goal.assign(plan.goal)
-        mask = wp.array(chosen, dtype=int, device=self.device)
-        corner = wp.array(plan.corner, dtype=wp.vec2, device=self.device)
-        begun = [self.belief, self.plans, self._prior, self.members, mask]
-        wp.launch(begin, self.teams, inputs=begun, device=self.device)
-        cells = wp.array(plan.cells, dtype=wp.vec2i, device=self.device)
-        charted = [self.map, self._map_model, corner, cells, self.plans.start, self._known_m, mask]
-        wp.launch(begin_map, self.teams, inputs=charted, device=self.device)
+        self.corner.assign(plan.corner)
+        self.cells.assign(plan.cells)
+        self.chosen.assign(chosen)
+        self.begin()
+
+    def begin(self) -> None:
+        """Start the teams with ``chosen`` 1 anew, by ``plans``, ``corner`` and ``cells``."""
+        for launch in self._begin:
+            launch.launch()
 
     def step(self) -> None:
         """Take in one decision's measurements and the command under which they were made."""

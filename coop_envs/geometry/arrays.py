@@ -30,6 +30,14 @@ def allocate(struct: Any, lead: tuple[int, ...], device: str, **shapes: tuple[in
     return made
 
 
+def part_of(struct: Any, rows: slice) -> Any:
+    """A struct of the same arrays' ``rows``, sharing their memory."""
+    made = getattr(struct, "_cls")()  # noqa: B009  private to Warp
+    for name in field_types(struct):
+        setattr(made, name, getattr(struct, name)[rows])
+    return made
+
+
 def to_numpy(struct: Any) -> dict[str, NDArray[np.generic]]:
     """A copy of every array by name."""
     return {name: getattr(struct, name).numpy().copy() for name in field_types(struct)}

@@ -38,6 +38,12 @@ def mix64(value: wp.uint64) -> wp.uint64:
 
 
 @wp.func
+def episode_key(seed: wp.uint64, episode: wp.uint64) -> wp.uint64:
+    """`team_key` on the device."""
+    return mix64(mix64(seed) ^ episode)
+
+
+@wp.func
 def draw_key(team: wp.uint64, tick: int, robot: int, channel: int) -> wp.uint64:
     """Key of one random number: 2^32 ticks, 2^16 robots, 2^16 channels."""
     place = (wp.uint64(tick) << wp.uint64(32)) | (wp.uint64(robot) << wp.uint64(16)) | wp.uint64(channel)

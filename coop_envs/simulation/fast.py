@@ -22,7 +22,7 @@ from coop_envs.simulation.calibration import CalibrationError
 from coop_envs.simulation.dynamics import Ground
 from coop_envs.simulation.imaging import FALSE_LIGHTS, allocate_labels, image_leds
 from coop_envs.simulation.parameters import pack_hazards, pack_robots, pack_terrain
-from coop_envs.simulation.reset import Starts, place_teams, serve_dock
+from coop_envs.simulation.reset import Starting, Starts, place_teams, serve_dock
 from coop_envs.simulation.scan import shine
 from coop_envs.simulation.sight import see
 from coop_envs.simulation.state import State
@@ -38,30 +38,35 @@ class Placement:
     yaw_sigma_rad: float = 0.03
 
 
+class Stage:
+    """W worlds on a device: what robots stand on and where they start. Batches of teams may share one."""
+
+    def __init__(self, worlds: Sequence[World], robots: int, placement: Placement, device: str) -> None:
+        self.device = device
+        self.ground = Ground()
+        self.ground.terrain, self.meshes = pack_terrain(worlds, device)
+        self.ground.hazards = pack_hazards(worlds, device)
+        self.ground.friction = worlds[0].friction
+        self.starts = _pack_starts(worlds, robots, placement, device)
+
+
 class FastPhysics:
     """Steps those of B teams whose ``running`` is 1 through W worlds; launches are recorded once and replayed."""
 
     def __init__(
         self,
         team: Team,
-        worlds: Sequence[World],
+        stage: Stage,
         clock: Clock,
         led_model: LedModel,
         spot_model: SpotModel,
         teams: int,
-        device: str,
-        placement: Placement,
         fidelity: str = "poses",
         calibration: CalibrationError | None = None,
     ) -> None:
-        n = len(team.members)
-        self.device, self.teams = device, teams
+        n, device = len(team.members), stage.device
+        self.device, self.teams, self.stage, self.ground = device, teams, stage, stage.ground
         self.robots, self.cameras, self.hats = pack_robots(team, device)
-        self.ground = Ground()
-        self.ground.terrain, self.meshes = pack_terrain(worlds, device)
-        self.ground.hazards = pack_hazards(worlds, device)
-        self.ground.friction = worlds[0].friction
-        self.starts = _pack_starts(worlds, n, placement, device)
         self.state: State = allocate(State, (teams, n, clock.ticks), device)
         self.command = allocate_command(teams, n, clock.ticks, device)
         self.lasers = laser_models(team, clock.tick_s, device)
@@ -69,7 +74,7 @@ class FastPhysics:
         self.running = wp.ones(teams, dtype=int, device=device)
         shared = [self.state, self.command]
         self._serve_dock = self._record(
-            serve_dock, teams, [*shared, self.robots, self.starts, self.ground, self.running]
+            serve_dock, teams, [*shared, self.robots, stage.starts, self.ground, self.running]
         )
         self._advance = self._record(
             advance, teams, [*shared, self.measurements, self.robots, self.lasers, self.ground, clock, self.running]
@@ -80,6 +85,10 @@ class FastPhysics:
         lit = [*shared, self.measurements, *believed, self.calibration, led_model, spot_model]
         scanning = any(member.laser is not None for member in team.members)
         self._shine = [self._record(shine, (teams, clock.ticks), [*lit, self.ground, self.running])] * scanning
+        self.starting: Starting = allocate(Starting, (teams,), device)
+        self._place = self._record(
+            place_teams, teams, [self.state, self.robots, stage.starts, self.ground, self.starting]
+        )
 
     def _record_sight(self, leds: LedModel, fidelity: str) -> list[wp.Launch]:
         """Frames of LED blobs in ``features``; then the poses that rung ``fidelity`` makes of them, in ``answer``."""
@@ -103,9 +112,14 @@ class FastPhysics:
 
     def reset(self, chosen: NDArray[np.int32], keys: NDArray[np.uint64], worlds: NDArray[np.int32]) -> None:
         """Start the teams with ``chosen`` 1 anew, each with its key and world (all (B,))."""
-        arrays = [wp.array(a, device=self.device) for a in (chosen, keys, worlds)]
-        inputs = [self.state, self.robots, self.starts, self.ground, *arrays]
-        wp.launch(place_teams, self.teams, inputs=inputs, device=self.device)
+        self.starting.chosen.assign(chosen)
+        self.starting.key.assign(keys)
+        self.starting.world.assign(worlds)
+        self.place()
+
+    def place(self) -> None:
+        """Set down the robots of the teams that ``starting`` names."""
+        self._place.launch()
 
     def step(self) -> None:
         """Carry out ``command`` for one decision and fill ``measurements``."""

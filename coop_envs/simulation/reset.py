@@ -29,6 +29,15 @@ class Starts:
     yaw_sigma: float
 
 
+@wp.struct
+class Starting:
+    """Which teams start anew (1), and each one's key of random numbers and world. (B,)"""
+
+    chosen: wp.array[int]
+    key: wp.array[wp.uint64]
+    world: wp.array[int]
+
+
 @wp.func
 def stand_at(state: State, model: RobotModel, ground: Ground, b: int, r: int, pose: wp.vec3):
     """Set a robot down at rest at x, y, yaw."""
@@ -46,37 +55,37 @@ def stand_at(state: State, model: RobotModel, ground: Ground, b: int, r: int, po
 
 @wp.kernel
 def place_teams(
-    state: State, robots: wp.array[RobotModel], starts: Starts, ground: Ground, chosen: wp.array[int],
-    key: wp.array[wp.uint64], world: wp.array[int],
+    state: State, robots: wp.array[RobotModel], starts: Starts, ground: Ground, starting: Starting,
 ):  # fmt: skip
     """Start the chosen teams anew in their worlds. The first observer defines the team frame, so it stands exactly."""
     b = wp.tid()
-    if chosen[b] == 0:
+    if starting.chosen[b] == 0:
         return
-    state.key[b] = key[b]
-    state.world[b] = world[b]
+    w = starting.world[b]
+    key = starting.key[b]
+    state.key[b] = key
+    state.world[b] = w
     state.tick[b] = 0
-    w = world[b]
     for r in range(robots.shape[0]):
         model = robots[r]
         pose = starts.pose[w, r]
         if r > 0:
-            a = normal2(draw_key(key[b], 0, r, PLACE_CHANNEL)) * starts.position_sigma
-            turn = normal2(draw_key(key[b], 0, r, PLACE_CHANNEL + 1))
+            a = normal2(draw_key(key, 0, r, PLACE_CHANNEL)) * starts.position_sigma
+            turn = normal2(draw_key(key, 0, r, PLACE_CHANNEL + 1))
             pose = pose + wp.vec3(a[0], a[1], turn[0] * starts.yaw_sigma)
         stand_at(state, model, ground, b, r, pose)
         state.status[b, r] = ACTIVE
         state.collected[b, r] = 0
         if model.reserve == 1:
             state.status[b, r] = DOCKED
-        state.slip[b, r] = normal2(draw_key(key[b], 0, r, PLACE_CHANNEL + 2)) * model.slip
+        state.slip[b, r] = normal2(draw_key(key, 0, r, PLACE_CHANNEL + 2)) * model.slip
         for t in range(state.mirror.shape[2]):
             state.mirror[b, r, t] = wp.vec2(0.0, 0.0)
         state.mirror_left[b, r] = wp.vec2(0.0, 0.0)
         state.energy[b, r] = wp.vec4d()
         state.path[b, r] = 0.0
-        state.gyro_bias[b, r] = normal3(key[b], 0, r, BIAS_CHANNEL + 1) * model.gyro_bias
-        state.accel_bias[b, r] = normal3(key[b], 0, r, BIAS_CHANNEL + 3) * model.accel_bias
+        state.gyro_bias[b, r] = normal3(key, 0, r, BIAS_CHANNEL + 1) * model.gyro_bias
+        state.accel_bias[b, r] = normal3(key, 0, r, BIAS_CHANNEL + 3) * model.accel_bias
     first = state.position[b, 0]
     state.frame[b] = wp.vec4(first[0], first[1], first[2], state.yaw[b, 0])
 

@@ -14,6 +14,7 @@ from coop_envs.batch import TeamBatch
 from coop_envs.device import prepare
 from coop_envs.estimation.belief import Declared
 from coop_envs.geometry.keyed_random import team_key
+from coop_envs.packed_pool import PackedPool
 from coop_envs.scenario import load_scenario
 from coop_envs.world_pool import open_pool
 from coop_envs.worlds.world import Hazard
@@ -37,7 +38,7 @@ class Teams:
         if hazards is not None:
             pool = dataclasses.replace(pool, worlds=(dataclasses.replace(pool.worlds[0], hazards=hazards),))
         self.B, self.n = teams, len(self.scenario.team.members)
-        self.batch = TeamBatch(self.scenario, pool, teams, prepare("cpu"))
+        self.batch = TeamBatch(self.scenario, PackedPool(self.scenario, pool, prepare("cpu")), teams)
         keys = np.array([team_key(seed + b, 0) for b in range(teams)], dtype=np.uint64)
         self.batch.place(np.ones(teams, dtype=np.int32), keys, np.zeros(teams, dtype=np.int32))
         self.act({})

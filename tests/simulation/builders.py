@@ -16,7 +16,7 @@ from coop_envs.geometry.keyed_random import team_key
 from coop_envs.sensing.leds import LedModel
 from coop_envs.sensing.spots import SpotModel
 from coop_envs.simulation.calibration import CalibrationError
-from coop_envs.simulation.fast import FastPhysics, Placement
+from coop_envs.simulation.fast import FastPhysics, Placement, Stage
 from coop_envs.simulation.state import Status
 from coop_envs.simulation.step import Clock
 from coop_envs.worlds.world import Hazard, HeightField, Mesh, World
@@ -117,8 +117,8 @@ def physics_of(
     """The physics of ``teams`` teams, set down at their starts; team b has seed ``seed + b``."""
     worlds = worlds or (world_of(),)
     models = leds or led_model(), spots or spot_model()
-    rest = prepare("cpu"), placement, fidelity, calibration
-    physics = FastPhysics(team, worlds, clock or clock_of(), *models, teams, *rest)
+    stage = Stage(worlds, len(team.members), placement, prepare("cpu"))
+    physics = FastPhysics(team, stage, clock or clock_of(), *models, teams, fidelity, calibration)
     keys = np.array([team_key(seed + b, 0) for b in range(teams)], dtype=np.uint64)
     where = np.zeros(teams, dtype=np.int32) if chosen_worlds is None else np.array(chosen_worlds, dtype=np.int32)
     physics.reset(np.ones(teams, dtype=np.int32), keys, where)
