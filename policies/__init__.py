@@ -1,1 +1,1 @@
-"""Learned policies: networks, loading, export. Their weights come from training; none are shipped yet."""
+"""Learned policies: networks, the distribution of their actions, files and loading."""
