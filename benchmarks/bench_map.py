@@ -43,7 +43,7 @@ def main() -> None:
     options = parser.parse_args()
     device = prepare("cpu")
     model = MapModel()
-    model.nx, model.ny, model.cell, model.mark_radius = SIDE, SIDE, 0.05, 0.1
+    model.nx, model.ny, model.cell, model.stride, model.mark_radius = SIDE, SIDE, 0.05, 1, 0.1
     model.levels, model.floor, model.clearance, model.step, model.sweep = LEVELS, -0.4, 2, 0, 0.05
     ground: GroundMap = allocate_map(1, 1, model, 0.2, device, swept_cells=20_000)
     rng = np.random.default_rng(1)

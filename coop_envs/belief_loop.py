@@ -70,7 +70,8 @@ class BeliefLoop:
 def _map_model(settings: BeliefSettings) -> MapModel:
     model = MapModel()
     model.nx, model.ny = settings.map_shape
-    model.cell, model.mark_radius = settings.map.cell_m, settings.estimation.hazard_mark_m
+    model.cell, model.stride = settings.map.cell_m, settings.map.ego_stride
+    model.mark_radius = settings.estimation.hazard_mark_m
     if any(member.laser is not None for member in settings.team.members):
         tallest_m = max(member.robot.height_m for member in settings.team.members)
         model.levels, model.floor = settings.map.levels, settings.map.floor_m
@@ -82,6 +83,6 @@ def _map_model(settings: BeliefSettings) -> MapModel:
 
 def _view_model(settings: BeliefSettings) -> ViewModel:
     view = ViewModel()
-    view.stride, view.time_limit = settings.map.ego_stride, settings.time_limit_s
-    view.decision, view.stuck = settings.rates.decision_s, settings.estimation.stuck_s
+    view.time_limit, view.decision = settings.time_limit_s, settings.rates.decision_s
+    view.stuck = settings.estimation.stuck_s
     return view

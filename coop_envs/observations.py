@@ -22,7 +22,7 @@ from coop_envs.estimation.declaring import position_sigma
 from coop_envs.estimation.ranging import Points
 from coop_envs.geometry.arrays import allocate
 from coop_envs.geometry.so3 import heading
-from coop_envs.mapping.ground_map import GROUND, OBSTACLE, GroundMap, MapModel, probability
+from coop_envs.mapping.ground_map import LAYERS, UNKNOWN, GroundMap, MapModel
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
@@ -166,9 +166,8 @@ def by_agent(arrays: Mapping[str, NDArray[Any]], places: Mapping[str, int]) -> d
 
 @wp.struct
 class ViewModel:
-    """Map window: cells of the team's map to one of the window; time limit and decision length (s); stuck time (s)."""
+    """Time limit, decision length and the time after which a robot is called stuck (s)."""
 
-    stride: int
     time_limit: float
     decision: float
     stuck: float
@@ -187,59 +186,42 @@ def log_sigma(sigma: float) -> float:
 
 
 @wp.func
-def window_corner(ground: GroundMap, model: MapModel, stride: int, b: int, x: float, y: float) -> wp.vec2i:
-    """First cell of the window around (x, y), a multiple of the stride."""
+def window_corner(ground: GroundMap, model: MapModel, b: int, x: float, y: float) -> wp.vec2i:
+    """First block of the window around (x, y)."""
     c = ground.corner[b]
-    side = model.cell * float(stride)
-    i = int(wp.floor((x - c[0]) / side)) - 8
-    j = int(wp.floor((y - c[1]) / side)) - 8
-    return wp.vec2i(i * stride, j * stride)
+    side = model.cell * float(model.stride)
+    return wp.vec2i(int(wp.floor((x - c[0]) / side)) - 8, int(wp.floor((y - c[1]) / side)) - 8)
 
 
 @wp.func
-def window_value(ground: GroundMap, model: MapModel, stride: int, b: int, layer: int, i0: int, j0: int) -> int:
-    """Probability times 255 of one window cell: of its map cells the likeliest hazard or obstacle, else their mean."""
-    total = float(0.0)
-    worst = float(0.5)
-    for di in range(stride):
-        for dj in range(stride):
-            p = float(0.5)
-            i = i0 + di
-            j = j0 + dj
-            if i >= 0 and j >= 0 and i < model.nx and j < model.ny:
-                p = probability(ground.log_odds[b, layer, i * model.ny + j])
-            total = total + p
-            bad = p
-            if layer == GROUND:
-                bad = 1.0 - p
-            worst = wp.max(worst, bad)
-    p = total / float(stride * stride)
-    if worst > 0.6:
-        p = worst
-        if layer == GROUND:
-            p = 1.0 - worst
-    return int(wp.floor(p * 255.0 + 0.5))
-
-
-@wp.func
-def draw_window(
-    belief: Belief, ground: GroundMap, model: MapModel, view: ViewModel, members: wp.array[MemberModel],
-    out: Observations, b: int, r: int, corner: wp.vec2i,
-):  # fmt: skip
-    """Fill the map window of one agent; ``corner`` is the window's first map cell."""
+def copy_window(ground: GroundMap, model: MapModel, out: Observations, b: int, r: int, corner: wp.vec2i):
+    """Fill the ground and obstacle layers of one agent's map window from its first block on; clear the robots'."""
+    rows = (model.nx + model.stride - 1) // model.stride
+    across = (model.ny + model.stride - 1) // model.stride
     for i in range(WINDOW):
+        for layer in range(LAYERS):
+            row = corner[0] + i
+            for j in range(WINDOW):
+                column = corner[1] + j
+                value = wp.uint8(UNKNOWN)
+                if row >= 0 and row < rows and column >= 0 and column < across:
+                    value = ground.shown[b, layer, row * across + column]
+                out.map[b, r, layer, WINDOW * i + j] = value
         for j in range(WINDOW):
-            i0 = corner[0] + i * view.stride
-            j0 = corner[1] + j * view.stride
-            out.map[b, r, 0, WINDOW * i + j] = wp.uint8(window_value(ground, model, view.stride, b, GROUND, i0, j0))
-            out.map[b, r, 1, WINDOW * i + j] = wp.uint8(window_value(ground, model, view.stride, b, OBSTACLE, i0, j0))
-            out.map[b, r, 2, WINDOW * i + j] = wp.uint8(0)
-    side = model.cell * float(view.stride)
+            out.map[b, r, LAYERS, WINDOW * i + j] = wp.uint8(0)
+
+
+@wp.func
+def draw_robots(
+    belief: Belief, model: MapModel, members: wp.array[MemberModel], out: Observations, b: int, r: int, corner: wp.vec2
+):  # fmt: skip
+    """Draw the robots into the map window of one agent; ``corner`` is the window's, in the team frame."""
+    side = model.cell * float(model.stride)
     for o in range(members.shape[0]):
         if belief.declared[b, o] != WAITING:
             p = belief.position[b, o]
-            x = float(p[0]) - ground.corner[b][0] - float(corner[0]) * model.cell
-            y = float(p[1]) - ground.corner[b][1] - float(corner[1]) * model.cell
+            x = float(p[0]) - corner[0]
+            y = float(p[1]) - corner[1]
             reach = wp.max(members[o].body_radius, 0.5 * side)
             value = wp.uint8(255)
             if belief.declared[b, o] == LOST:
@@ -251,7 +233,7 @@ def draw_window(
                     dx = (float(i) + 0.5) * side - x
                     dy = (float(j) + 0.5) * side - y
                     if dx * dx + dy * dy <= reach * reach:
-                        out.map[b, r, 2, WINDOW * i + j] = value
+                        out.map[b, r, LAYERS, WINDOW * i + j] = value
 
 
 @wp.func
@@ -354,14 +336,15 @@ def observe(
     if running[b] == 0:
         return
     p = belief.position[b, r]
-    cells = window_corner(ground, model, view.stride, b, float(p[0]), float(p[1]))
-    corner = ground.corner[b] + wp.vec2(float(cells[0]), float(cells[1])) * model.cell
+    block = window_corner(ground, model, b, float(p[0]), float(p[1]))
+    corner = ground.corner[b] + wp.vec2(float(block[0]), float(block[1])) * (model.cell * float(model.stride))
     rate = float(0.0)
     if belief.declared[b, r] != WAITING:
         for t in range(gyro.shape[2]):
             rate = rate + (gyro[b, r, t][2] - float(belief.gyro_bias[b, r][2])) / float(gyro.shape[2])
     draw_self(belief, view, members, out, rate, command.scan_progress[b, r], points.count[b], b, r, corner)
-    draw_window(belief, ground, model, view, members, out, b, r, cells)
+    copy_window(ground, model, out, b, r, block)
+    draw_robots(belief, model, members, out, b, r, corner)
     rank = float(-1.0)
     last = int(-1)
     for m in range(MATES):

@@ -245,10 +245,14 @@ def scenario_names() -> list[str]:
 
 def scenario_world(scenario: Scenario, split: Split = "train", index: int = 0) -> World:
     """World number ``index`` of the scenario's training or held-out worlds, with the team's starts in it."""
-    environment = scenario.environment
+    return environment_world(scenario.environment, scenario.team, split, index)
+
+
+def environment_world(environment: Environment, team: Team, split: Split, index: int) -> World:
+    """World number ``index`` of the environment's training or held-out worlds, with the team's starts in it."""
     return build_world(
         environment.geometry,
-        footprints(scenario.team),
+        footprints(team),
         split=split,
         index=index,
         friction=environment.friction,

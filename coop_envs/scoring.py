@@ -10,7 +10,7 @@ import warp as wp
 from coop_envs.agents.team import Team
 from coop_envs.estimation.belief import LOST, NO_SLOT, WORKING, Belief
 from coop_envs.geometry.so3 import exp_so3, log_so3
-from coop_envs.mapping.ground_map import GROUND, OBSTACLE, VOLUME, GroundMap, MapModel
+from coop_envs.mapping.ground_map import GROUND, OBSTACLE, VOLUME, GroundMap, MapModel, change_of
 from coop_envs.mapping.information import held_ubit
 from coop_envs.scenario import Reward, Task
 from coop_envs.sensing.poses import cholesky6, vec6d
@@ -139,16 +139,16 @@ def count_information(
     w = state.world[b]
     frame = state.frame[b]
     for k in range(ground.change_count[b]):
-        change = ground.changes[b, k]
-        place = truth_cell(truth, w, frame, ground, model, b, change[1])
-        if change[0] != OBSTACLE or model.levels == 0:
-            fact = is_fact(truth, w, frame, model, place, change[0])
-            gain = held_ubit(table, change[3], fact) - held_ubit(table, change[2], fact)
+        change = change_of(ground.changes[b, k])
+        place = truth_cell(truth, w, frame, ground, model, b, change.cell)
+        if change.layer != OBSTACLE or model.levels == 0:
+            fact = is_fact(truth, w, frame, model, place, change.layer)
+            gain = held_ubit(table, change.now, fact) - held_ubit(table, change.was, fact)
             score.information[b] = score.information[b] + wp.int64(gain)
-        if change[0] < VOLUME and (facts_at(truth, place) & REACHABLE) != 0:
-            now = int(covers(ground, model, b, change[1]))
-            score.mapped[b] = score.mapped[b] + now - int(score.covered[b, change[1]])
-            score.covered[b, change[1]] = wp.int8(now)
+        if change.layer < VOLUME and (facts_at(truth, place) & REACHABLE) != 0:
+            now = int(covers(ground, model, b, change.cell))
+            score.mapped[b] = score.mapped[b] + now - int(score.covered[b, change.cell])
+            score.covered[b, change.cell] = wp.int8(now)
 
 
 @wp.func

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from coop_envs.agents.team import Team
 from coop_envs.estimation.estimator import Plan
 from coop_envs.geometry.keyed_random import mix, team_key
-from coop_envs.scenario import Scenario, scenario_world
+from coop_envs.scenario import Environment, Scenario, environment_world
 from coop_envs.worlds.build import Split
 from coop_envs.worlds.solid import SolidColumns, solid_columns
 from coop_envs.worlds.truth import TruthGrid, truth_grid
@@ -50,7 +51,8 @@ class WorldPool:
 
 def open_pool(scenario: Scenario, split: Split, indices: Sequence[int]) -> WorldPool:
     """The worlds of the scenario with these indices."""
-    pairs = [_world_and_truth(scenario, split, index) for index in indices]
+    asked = scenario.environment, scenario.team, scenario.map.cell_m, split
+    pairs = [_world_and_truth(*asked, index) for index in indices]
     worlds, truth = tuple(pair[0] for pair in pairs), tuple(pair[1] for pair in pairs)
     n = len(scenario.team.members)
     spots = [(list(world.starts) + [world.dock] * n)[:n] for world in worlds]
@@ -62,7 +64,7 @@ def open_pool(scenario: Scenario, split: Split, indices: Sequence[int]) -> World
     return WorldPool(
         worlds=worlds,
         truth=truth,
-        solids=tuple(_solids(scenario, split, index) for index in indices) if _scans(scenario) else (),
+        solids=tuple(_solids_of(_Surfaces(world), scenario.map.cell_m) for world in worlds) if _scans(scenario) else (),
         starts=np.array(starts, dtype=np.float32),
         docks=np.array(docks, dtype=np.float32),
         goals=np.array([_goal(frame, world) for frame, world in zip(frames, worlds, strict=True)], dtype=np.float32),
@@ -71,22 +73,21 @@ def open_pool(scenario: Scenario, split: Split, indices: Sequence[int]) -> World
     )
 
 
-@functools.lru_cache(maxsize=128)
-def _world_and_truth(scenario: Scenario, split: Split, index: int) -> tuple[World, TruthGrid]:
-    world = scenario_world(scenario, split, index)
-    robots = [member.robot for member in scenario.team.members]
+@functools.lru_cache(maxsize=512)
+def _world_and_truth(
+    environment: Environment, team: Team, cell_m: float, split: Split, index: int
+) -> tuple[World, TruthGrid]:
+    """Kept, for worlds outlive scenarios: to change how robots sense or what they earn changes no world."""
+    world = environment_world(environment, team, split, index)
+    robots = [member.robot for member in team.members]
     truth = truth_grid(
         world,
         min(robot.body_radius_m for robot in robots),
         min(robot.contact_radius_m for robot in robots),
-        scenario.map.cell_m,
+        cell_m,
         max(robot.max_step_m for robot in robots),
     )
     return world, truth
-
-
-def _solids(scenario: Scenario, split: Split, index: int) -> SolidColumns:
-    return _solids_of(_Surfaces(_world_and_truth(scenario, split, index)[0]), scenario.map.cell_m)
 
 
 class _Surfaces:
@@ -106,7 +107,7 @@ class _Surfaces:
         return isinstance(other, _Surfaces) and self._key == other._key
 
 
-@functools.lru_cache(maxsize=128)
+@functools.lru_cache(maxsize=512)
 def _solids_of(surfaces: _Surfaces, cell_m: float) -> SolidColumns:
     return solid_columns(surfaces.world, cell_m)
 

@@ -29,6 +29,7 @@ ALLOWED: dict[str, set[str]] = {
     "coop_envs.recording": FOUNDATION | {"coop_envs.geometry"},
     "coop_envs.viewer": FOUNDATION | {"coop_envs.geometry", "coop_envs.recording"},
     "coop_envs": ENVIRONMENT,
+    "coop_envs.wrappers": SEEN_BY_POLICIES,
     "baselines": SEEN_BY_POLICIES,
     "policies": SEEN_BY_POLICIES,
     "experiments": ENVIRONMENT | {"baselines"},
@@ -47,7 +48,12 @@ NEVER_REACHED = {
 }
 """What a room must not import even through others."""
 
-CONFINED = {"torch": {"train", "policies"}, "stable_baselines3": {"train"}, "pybullet": {"coop_envs.simulation"}}
+CONFINED = {
+    "torch": {"train", "policies"},
+    "stable_baselines3": {"train"},
+    "ray": {"train"},
+    "pybullet": {"coop_envs.simulation"},
+}
 """Outside packages that only some rooms may import."""
 
 

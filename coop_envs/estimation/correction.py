@@ -5,13 +5,14 @@ from __future__ import annotations
 import warp as wp
 
 from coop_envs.estimation.belief import ACCEL, GYRO, THETA, VELOCITY, Belief, MemberModel
-from coop_envs.estimation.kalman import GATE_ONE, NO_GATE, correct_pair
+from coop_envs.estimation.kalman import GATE_ONE, correct_pair
 from coop_envs.estimation.propagation import FilterModel, block3
+from coop_envs.estimation.rows import Rows
 from coop_envs.estimation.sightings import fuse_sightings
 from coop_envs.sensing.measurements import Measurements
 from coop_envs.sensing.poses import mat66d
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+wp.set_module_options({"enable_backward": False, "max_unroll": 6})
 
 REST_SETTLED_S = wp.constant(2.0)
 REST_EVERY = wp.constant(10)
@@ -22,7 +23,7 @@ ODOMETRY_FLOOR_M_S = wp.constant(0.004)
 
 @wp.func
 def correct_rest(
-    belief: Belief, measured: Measurements, member: MemberModel, model: FilterModel, rows: wp.array3d[wp.float64],
+    belief: Belief, measured: Measurements, member: MemberModel, model: FilterModel, rows: Rows,
     b: int, r: int,
 ):  # fmt: skip
     """A robot at rest has no velocity, its gyro shows its bias, its accelerometer shows gravity."""
@@ -38,16 +39,14 @@ def correct_rest(
         force = force + wp.vec3d(measured.accel[b, r, t]) / wp.float64(ticks)
     span = model.tick_s * wp.float64(ticks)
     still = one * wp.float64(1.0e-6)
-    correct_pair(belief, rows, b, eye, o + VELOCITY, none, o + THETA, -belief.velocity[b, r], still, NO_GATE)
+    correct_pair(belief, rows, b, eye, o + VELOCITY, none, o + THETA, -belief.velocity[b, r], still)
     gyro_variance = one * (member.gyro_noise * member.gyro_noise / span)
-    correct_pair(belief, rows, b, eye, o + GYRO, none, o + THETA, turn - belief.gyro_bias[b, r], gyro_variance, NO_GATE)
+    correct_pair(belief, rows, b, eye, o + GYRO, none, o + THETA, turn - belief.gyro_bias[b, r], gyro_variance)
     up = wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(9.81))
     Rt = wp.transpose(belief.rotation[b, r])
     expected = Rt * up + belief.accel_bias[b, r]
     accel_variance = one * (member.accel_noise * member.accel_noise / span)
-    correct_pair(
-        belief, rows, b, Rt * wp.skew(up), o + THETA, eye, o + ACCEL, force - expected, accel_variance, NO_GATE
-    )
+    correct_pair(belief, rows, b, Rt * wp.skew(up), o + THETA, eye, o + ACCEL, force - expected, accel_variance)
 
 
 @wp.func
@@ -70,7 +69,7 @@ def tried_in_sight(belief: Belief, b: int, r: int) -> bool:
 
 @wp.func
 def correct_odometry(
-    belief: Belief, measured: Measurements, member: MemberModel, model: FilterModel, rows: wp.array3d[wp.float64],
+    belief: Belief, measured: Measurements, member: MemberModel, model: FilterModel, rows: Rows,
     b: int, r: int,
 ):  # fmt: skip
     """Wheels give the body's mean forward speed over the decision and say that it moves neither sideways nor up.
@@ -106,7 +105,7 @@ def correct_odometry(
     variance = wp.float64(noise * noise)
     residual = wp.vec3d(speed, wp.float64(0.0), wp.float64(0.0)) - mean
     variances = wp.vec3d(variance, variance, variance)
-    correct_pair(belief, rows, b, Rt * wp.skew(v), o + THETA, Rt, o + VELOCITY, residual, variances, NO_GATE)
+    correct_pair(belief, rows, b, Rt * wp.skew(v), o + THETA, Rt, o + VELOCITY, residual, variances)
 
 
 @wp.func
@@ -129,7 +128,7 @@ def note(belief: Belief, measured: Measurements, model: FilterModel, b: int, r: 
 @wp.kernel
 def fuse(
     belief: Belief, measured: Measurements, members: wp.array[MemberModel], model: FilterModel,
-    rows: wp.array3d[wp.float64], running: wp.array[int],
+    rows: Rows, running: wp.array[int],
 ):  # fmt: skip
     """Fuse one decision's measurements into the belief of every running team."""
     b = wp.tid()

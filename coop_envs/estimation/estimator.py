@@ -18,6 +18,7 @@ from coop_envs.estimation.declaring import StuckModel, declare
 from coop_envs.estimation.joining import Plans, Prior, begin
 from coop_envs.estimation.propagation import FilterModel, propagate
 from coop_envs.estimation.ranging import GAP_GATE, Points, RangingModel, find_range
+from coop_envs.estimation.rows import allocate_rows
 from coop_envs.estimation.settings import Estimation, Rates
 from coop_envs.geometry.arrays import allocate
 from coop_envs.mapping.ground_map import MapModel, allocate_map, begin_map
@@ -70,10 +71,10 @@ class TeamEstimator:
         self.corner, self.cells = (wp.zeros(teams, dtype=kind, device=device) for kind in (wp.vec2, wp.vec2i))
         self.chosen = wp.zeros(teams, dtype=int, device=device)
         prior = _prior(settings)
-        rows = wp.zeros((teams, 6, self.belief.covariance.shape[1]), dtype=wp.float64, device=device)
+        rows = allocate_rows(self.belief)
         model = _filter_model(rates, settings)
         seen = [self.belief, measurements, self.members]
-        propagated = [self.belief, command, measurements, self.plans, prior, self.members, model, running]
+        propagated = [self.belief, command, measurements, self.plans, prior, self.members, model, rows, running]
         self._launches = [
             self._record(propagate, propagated),
             self._record(fuse, [*seen, model, rows, running]),
@@ -88,7 +89,7 @@ class TeamEstimator:
         if scanning:
             cameras = wp.array([camera_model(m.camera) for m in team.members], dtype=CameraModel, device=device)
             told = [self.belief, measurements, command, self.members]
-            ranged = [*told, cameras, _ranging_model(team, settings), self.points, running]
+            ranged = [*told, cameras, _ranging_model(team, settings), rows, self.points, running]
             charted = [self.belief, self.map, self.members, self.points, map_model, running]
             self._launches += [self._record(find_range, ranged), self._record(chart_rays, charted)]
 
@@ -146,7 +147,11 @@ def _ranging_model(team: Team, settings: Estimation) -> RangingModel:
 
 
 def _swept_cells(team: Team, rates: Rates, model: MapModel) -> int:
-    """The most cells that one decision's rays, two a tick, can change, and the columns that are judged for it."""
+    """The most cells that one decision's rays, two a tick, can change, and the columns that are judged for it.
+
+    In each slice a square of cells is tried; a ray changes those above it and within its radius, less than half of
+    them, which leaves as much for the columns.
+    """
     reach = max(member.camera.max_range_m for member in team.members if member.camera) / model.cell
-    across = (2 * math.ceil(max(model.sweep / model.cell, 0.5) * math.sqrt(3.0)) + 1) ** 2
+    across = (math.floor(2.0 * max(model.sweep / model.cell, 0.5) * math.sqrt(3.0)) + 1) ** 2
     return 2 * rates.ticks_per_decision * math.ceil(reach + 2.0) * across

@@ -1,8 +1,9 @@
 # pyright: reportUnknownVariableType=false
 # To the type checker, entries of Warp's matrices have no type.
-"""Kalman updates of the team filter with up to six rows, gated.
+"""Kalman updates of the team filter with three or six rows, gated.
 
-Only H P is formed; the covariance falls by N^T N with N = L^-1 H P and S = L L^T, so that it stays symmetric.
+Only H P is formed; the covariance falls by N^T N with N = L^-1 H P and S = L L^T. Both triangles fall by the same
+products in the same order, so that the covariance stays symmetric.
 """
 
 from __future__ import annotations
@@ -10,134 +11,221 @@ from __future__ import annotations
 import warp as wp
 
 from coop_envs.estimation.belief import ACCEL, GYRO, POSITION, THETA, VELOCITY, Belief
-from coop_envs.estimation.propagation import block3
+from coop_envs.estimation.rows import Rows, vec15d
 from coop_envs.geometry.so3 import exp_so3, orthonormal
-from coop_envs.sensing.poses import cholesky6, mat66d, vec6d
+from coop_envs.sensing.poses import mat66d, vec6d
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 GATE_ONE = wp.constant(wp.float64(6.63))
 GATE_SIX = wp.constant(wp.float64(22.46))
-NO_GATE = wp.constant(wp.float64(1.0e30))
 
 
 @wp.func
-def row_times_covariance(
-    belief: Belief, rows: wp.array3d[wp.float64], b: int, m: int, block: wp.mat33d, column: int,
-    first: int, last: int,
-):  # fmt: skip
-    """rows[m .. m+2] += block P[column .. column+2], columns ``first`` up to ``last``."""
-    for c in range(first, last):
-        x = block * block3(belief.covariance, b, column, c)
+def row3(rows: Rows, b: int, m: int, column: int) -> wp.vec3d:
+    """Three entries of a projected row."""
+    return wp.vec3d(rows.entries[b, m, column], rows.entries[b, m, column + 1], rows.entries[b, m, column + 2])
+
+
+@wp.func
+def inverse_factor(S: wp.mat33d) -> wp.mat33d:
+    """L^-1 of S = L L^T, from S's lower triangle; its [0, 0] is 0 where S is not positive definite."""
+    zero = wp.float64(0.0)
+    one = wp.float64(1.0)
+    if not S[0, 0] > zero:
+        return wp.mat33d()
+    a = one / wp.sqrt(S[0, 0])
+    l10 = S[1, 0] * a
+    l20 = S[2, 0] * a
+    d1 = S[1, 1] - l10 * l10
+    if not d1 > zero:
+        return wp.mat33d()
+    c = one / wp.sqrt(d1)
+    l21 = (S[2, 1] - l20 * l10) * c
+    d2 = S[2, 2] - l20 * l20 - l21 * l21
+    if not d2 > zero:
+        return wp.mat33d()
+    f = one / wp.sqrt(d2)
+    i10 = -l10 * a * c
+    return wp.mat33d(a, zero, zero, i10, c, zero, -(l20 * a + l21 * i10) * f, -l21 * c * f, f)
+
+
+@wp.func
+def weigh(rows: Rows, b: int, first: int, slots: int, factor: wp.mat33d):
+    """Multiply three projected rows by a lower triangular factor."""
+    for s in range(slots):
+        x = rows.projected[b, first, s]
+        y = rows.projected[b, first + 1, s]
+        z = rows.projected[b, first + 2, s]
+        rows.projected[b, first, s] = x * factor[0, 0]
+        rows.projected[b, first + 1, s] = x * factor[1, 0] + y * factor[1, 1]
+        rows.projected[b, first + 2, s] = x * factor[2, 0] + y * factor[2, 1] + z * factor[2, 2]
+
+
+@wp.func
+def deduct(rows: Rows, b: int, slots: int, block: wp.mat33d):
+    """Projected rows 3 to 5 fall by a block times rows 0 to 2."""
+    for s in range(slots):
+        x = rows.projected[b, 0, s]
+        y = rows.projected[b, 1, s]
+        z = rows.projected[b, 2, s]
         for k in range(3):
-            rows[b, m + k, c] = rows[b, m + k, c] + x[k]
+            fallen = rows.projected[b, 3 + k, s] - x * block[k, 0] - y * block[k, 1] - z * block[k, 2]
+            rows.projected[b, 3 + k, s] = fallen
 
 
 @wp.func
-def clear_rows(rows: wp.array3d[wp.float64], b: int, count: int, first: int, last: int):
-    """Set columns ``first`` up to ``last`` to zero."""
-    for m in range(count):
-        for c in range(first, last):
-            rows[b, m, c] = wp.float64(0.0)
+def fall_by_three(rows: Rows, b: int, slots: int):
+    """P falls by N^T N of three projected rows."""
+    for s in range(slots):
+        n0 = rows.projected[b, 0, s]
+        n1 = rows.projected[b, 1, s]
+        n2 = rows.projected[b, 2, s]
+        for i in range(15 * slots):
+            n = column3(rows, b, 0, i)
+            rows.covariance[b, i, s] = rows.covariance[b, i, s] - n0 * n[0] - n1 * n[1] - n2 * n[2]
 
 
 @wp.func
-def add_to_innovation(
-    S: mat66d, rows: wp.array3d[wp.float64], b: int, count: int, m: int, block: wp.mat33d, column: int
-) -> mat66d:
-    """S[:, m .. m+2] += rows[:, column .. column+2] block^T."""
-    out = S
-    for i in range(count):
-        x = block * wp.vec3d(rows[b, i, column], rows[b, i, column + 1], rows[b, i, column + 2])
-        for k in range(3):
-            out[i, m + k] = out[i, m + k] + x[k]
+def fall_by_six(rows: Rows, b: int, slots: int):
+    """P falls by N^T N of six projected rows."""
+    for s in range(slots):
+        n0 = rows.projected[b, 0, s]
+        n1 = rows.projected[b, 1, s]
+        n2 = rows.projected[b, 2, s]
+        n3 = rows.projected[b, 3, s]
+        n4 = rows.projected[b, 4, s]
+        n5 = rows.projected[b, 5, s]
+        for i in range(15 * slots):
+            n = column3(rows, b, 0, i)
+            m = column3(rows, b, 3, i)
+            half = rows.covariance[b, i, s] - n0 * n[0] - n1 * n[1] - n2 * n[2]
+            rows.covariance[b, i, s] = half - n3 * m[0] - n4 * m[1] - n5 * m[2]
+
+
+@wp.func
+def column3(rows: Rows, b: int, m: int, column: int) -> wp.vec3d:
+    """One column's entries of three projected rows."""
+    return wp.vec3d(rows.entries[b, m, column], rows.entries[b, m + 1, column], rows.entries[b, m + 2, column])
+
+
+@wp.func
+def correct_three(belief: Belief, rows: Rows, b: int, S: wp.mat33d, residual: wp.vec3d) -> bool:
+    """Kalman update with three projected rows and the innovation covariance S; False, and nothing done, without one."""
+    slots = belief.slots[b]
+    factor = inverse_factor(S)
+    if factor[0, 0] == wp.float64(0.0):
+        return False
+    weigh(rows, b, 0, slots, factor)
+    fall_by_three(rows, b, slots)
+    y = factor * residual
+    for r in range(belief.slot.shape[1]):
+        slot = belief.slot[b, r]
+        if slot >= 0:
+            shift_state(belief, b, r, gain(rows, b, 0, slot, y))
+    return True
+
+
+@wp.struct
+class Whitening:
+    """L^-1 of a 6 x 6 S = L L^T: the inverses of L's diagonal blocks, the block under them, and whether there is one.
+
+    ``y`` is L^-1 times the residual; its squared length is what the gate compares.
+    """
+
+    upper: wp.mat33d
+    lower: wp.mat33d
+    between: wp.mat33d
+    definite: int
+    first: wp.vec3d
+    last: wp.vec3d
+
+
+@wp.func
+def corner(S: mat66d, i: int, j: int) -> wp.mat33d:
+    """The 3 x 3 block of S whose first entry is (i, j)."""
+    return wp.mat33d(
+        S[i, j], S[i, j + 1], S[i, j + 2],
+        S[i + 1, j], S[i + 1, j + 1], S[i + 1, j + 2],
+        S[i + 2, j], S[i + 2, j + 1], S[i + 2, j + 2],
+    )  # fmt: skip
+
+
+@wp.func
+def whitening(S: mat66d, residual: vec6d) -> Whitening:
+    """Factor S and apply it to a residual."""
+    out = Whitening()
+    out.upper = inverse_factor(corner(S, 0, 0))
+    out.between = corner(S, 3, 0) * wp.transpose(out.upper)
+    out.lower = inverse_factor(corner(S, 3, 3) - out.between * wp.transpose(out.between))
+    out.definite = int(out.upper[0, 0] > wp.float64(0.0) and out.lower[0, 0] > wp.float64(0.0))
+    out.first = out.upper * wp.vec3d(residual[0], residual[1], residual[2])
+    out.last = out.lower * (wp.vec3d(residual[3], residual[4], residual[5]) - out.between * out.first)
     return out
 
 
 @wp.func
-def whitened(L: mat66d, residual: vec6d, count: int) -> vec6d:
-    """L^-1 times the residual; its squared length is what the gate compares."""
-    y = vec6d()
-    for m in range(count):
-        s = residual[m]
-        for k in range(m):
-            s = s - L[m, k] * y[k]
-        y[m] = s / L[m, m]
-    return y
+def passes(white: Whitening, gate: wp.float64) -> bool:
+    """Whether a whitened residual is within the gate."""
+    return white.definite == 1 and wp.length_sq(white.first) + wp.length_sq(white.last) <= gate
 
 
 @wp.func
-def correct(
-    belief: Belief, rows: wp.array3d[wp.float64], b: int, count: int, S: mat66d, residual: vec6d, gate: wp.float64
-) -> bool:
-    """Kalman update with ``rows`` = H P and innovation covariance S; False, and nothing done, beyond the gate.
-
-    Unused rows of S must be those of the identity. With S = L L^T and N = L^-1 H P, P falls by N^T N.
-    """
-    size = 15 * belief.slots[b]
-    L = cholesky6(S)
-    if L[0, 0] <= wp.float64(0.0):
-        return False
-    y = whitened(L, residual, count)
-    if wp.dot(y, y) > gate:
-        return False
-    for m in range(count):
-        inverse = wp.float64(1.0) / L[m, m]
-        for c in range(size):
-            s = rows[b, m, c]
-            for k in range(m):
-                s = s - L[m, k] * rows[b, k, c]
-            rows[b, m, c] = s * inverse
-    for i in range(size):
-        n = vec6d()
-        for m in range(count):
-            n[m] = rows[b, m, i]
-        for c in range(i + 1):
-            s = belief.covariance[b, i, c]
-            for m in range(count):
-                s = s - n[m] * rows[b, m, c]
-            belief.covariance[b, i, c] = s
-            belief.covariance[b, c, i] = s
+def correct_six(belief: Belief, rows: Rows, b: int, white: Whitening):
+    """Kalman update with six projected rows."""
+    slots = belief.slots[b]
+    weigh(rows, b, 0, slots, white.upper)
+    deduct(rows, b, slots, white.between)
+    weigh(rows, b, 3, slots, white.lower)
+    fall_by_six(rows, b, slots)
     for r in range(belief.slot.shape[1]):
-        if belief.slot[b, r] >= 0:
-            shift_state(belief, rows, b, r, count, y)
-    return True
+        slot = belief.slot[b, r]
+        if slot >= 0:
+            shift_state(belief, b, r, gain(rows, b, 0, slot, white.first) + gain(rows, b, 3, slot, white.last))
 
 
 @wp.func
-def gain3(rows: wp.array3d[wp.float64], b: int, count: int, y: vec6d, column: int) -> wp.vec3d:
-    """Three entries of the state correction N^T y."""
-    d = wp.vec3d()
-    for m in range(count):
-        d = d + wp.vec3d(rows[b, m, column], rows[b, m, column + 1], rows[b, m, column + 2]) * y[m]
-    return d
+def gain(rows: Rows, b: int, m: int, slot: int, y: wp.vec3d) -> vec15d:
+    """What three projected rows add to the state correction N^T y of a slot."""
+    x = rows.projected[b, m, slot] * y[0]
+    return x + rows.projected[b, m + 1, slot] * y[1] + rows.projected[b, m + 2, slot] * y[2]
 
 
 @wp.func
-def shift_state(belief: Belief, rows: wp.array3d[wp.float64], b: int, r: int, count: int, y: vec6d):
-    """Apply the correction N^T y to robot r."""
-    o = 15 * belief.slot[b, r]
-    belief.rotation[b, r] = orthonormal(exp_so3(gain3(rows, b, count, y, o + THETA)) * belief.rotation[b, r])
-    belief.position[b, r] = belief.position[b, r] + gain3(rows, b, count, y, o + POSITION)
-    belief.velocity[b, r] = belief.velocity[b, r] + gain3(rows, b, count, y, o + VELOCITY)
-    belief.gyro_bias[b, r] = belief.gyro_bias[b, r] + gain3(rows, b, count, y, o + GYRO)
-    belief.accel_bias[b, r] = belief.accel_bias[b, r] + gain3(rows, b, count, y, o + ACCEL)
+def part(d: vec15d, first: int) -> wp.vec3d:
+    """Three of fifteen numbers."""
+    return wp.vec3d(d[first], d[first + 1], d[first + 2])
+
+
+@wp.func
+def shift_state(belief: Belief, b: int, r: int, d: vec15d):
+    """Apply a correction to robot r."""
+    belief.rotation[b, r] = orthonormal(exp_so3(part(d, THETA)) * belief.rotation[b, r])
+    belief.position[b, r] = belief.position[b, r] + part(d, POSITION)
+    belief.velocity[b, r] = belief.velocity[b, r] + part(d, VELOCITY)
+    belief.gyro_bias[b, r] = belief.gyro_bias[b, r] + part(d, GYRO)
+    belief.accel_bias[b, r] = belief.accel_bias[b, r] + part(d, ACCEL)
+
+
+@wp.func
+def times_rows(rows: Rows, b: int, block: wp.mat33d, k: int, row: int, s: int) -> vec15d:
+    """Row k of block P[row .. row+2], the entries of slot s."""
+    x = rows.covariance[b, row, s] * block[k, 0]
+    return x + rows.covariance[b, row + 1, s] * block[k, 1] + rows.covariance[b, row + 2, s] * block[k, 2]
 
 
 @wp.func
 def correct_pair(
-    belief: Belief, rows: wp.array3d[wp.float64], b: int, A: wp.mat33d, a: int, B: wp.mat33d, c: int,
-    residual: wp.vec3d, variance: wp.vec3d, gate: wp.float64,
+    belief: Belief, rows: Rows, b: int, A: wp.mat33d, a: int, B: wp.mat33d, c: int,
+    residual: wp.vec3d, variance: wp.vec3d,
 ) -> bool:  # fmt: skip
     """Update with three rows, A at column a and B at column c."""
-    size = 15 * belief.slots[b]
-    clear_rows(rows, b, 3, 0, size)
-    row_times_covariance(belief, rows, b, 0, A, a, 0, size)
-    row_times_covariance(belief, rows, b, 0, B, c, 0, size)
-    noise = wp.identity(n=6, dtype=wp.float64)
+    for s in range(belief.slots[b]):
+        for k in range(3):
+            rows.projected[b, k, s] = times_rows(rows, b, A, k, a, s) + times_rows(rows, b, B, k, c, s)
+    S = wp.diag(variance)
     for k in range(3):
-        noise[k, k] = variance[k]
-    half = add_to_innovation(noise, rows, b, 3, 0, A, a)
-    S = add_to_innovation(half, rows, b, 3, 0, B, c)
-    zero = wp.float64(0.0)
-    return correct(belief, rows, b, 3, S, vec6d(residual[0], residual[1], residual[2], zero, zero, zero), gate)
+        column = A * row3(rows, b, k, a) + B * row3(rows, b, k, c)
+        for i in range(3):
+            S[k, i] = S[k, i] + column[i]
+    return correct_three(belief, rows, b, S, residual)

@@ -11,10 +11,11 @@ import warp as wp
 from coop_envs.agents.command import Command
 from coop_envs.estimation.belief import ACCEL, GYRO, POSITION, THETA, VELOCITY, WAITING, Belief, MemberModel
 from coop_envs.estimation.joining import Plans, Prior, welcome
+from coop_envs.estimation.rows import Rows, vec15d
 from coop_envs.geometry.so3 import exp_so3, orthonormal
 from coop_envs.sensing.measurements import Measurements
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+wp.set_module_options({"enable_backward": False, "max_unroll": 15})
 
 STILL_RAD_S = wp.constant(1.0e-3)
 QUIET_GYRO = wp.constant(wp.float64(0.02))
@@ -93,25 +94,36 @@ def block3(P: wp.array3d[wp.float64], b: int, row: int, column: int) -> wp.vec3d
 
 
 @wp.func
-def store3(P: wp.array3d[wp.float64], b: int, row: int, column: int, value: wp.vec3d):
-    """Write three stacked entries of one column."""
+def transform_rows(rows: Rows, b: int, row: int, s: int, phi: Transition):
+    """Multiply a robot's 15 rows by its transition, the entries of slot s."""
+    P = rows.covariance
+    time = phi.time
+    x = P[b, row + THETA, s]
+    y = P[b, row + THETA + 1, s]
+    z = P[b, row + THETA + 2, s]
+    u = P[b, row + GYRO, s]
+    v = P[b, row + GYRO + 1, s]
+    w = P[b, row + GYRO + 2, s]
     for k in range(3):
-        P[b, row + k, column] = value[k]
-
-
-@wp.func
-def transform_column(P: wp.array3d[wp.float64], b: int, row: int, column: int, phi: Transition):
-    """Multiply the 15 entries of one column that belong to a robot by its transition."""
-    theta = block3(P, b, row, column)
-    p = block3(P, b, row + 3, column)
-    v = block3(P, b, row + 6, column)
-    gyro = block3(P, b, row + 9, column)
-    accel = block3(P, b, row + 12, column)
-    store3(P, b, row, column, theta + phi.theta_gyro * gyro)
-    p = p + v * phi.time + phi.position_theta * theta + phi.position_gyro * gyro + phi.position_accel * accel
-    store3(P, b, row + 3, column, p)
-    v = v + phi.velocity_theta * theta + phi.velocity_gyro * gyro + phi.velocity_accel * accel
-    store3(P, b, row + 6, column, v)
+        by_theta = x * phi.position_theta[k, 0] + y * phi.position_theta[k, 1] + z * phi.position_theta[k, 2]
+        by_gyro = u * phi.position_gyro[k, 0] + v * phi.position_gyro[k, 1] + w * phi.position_gyro[k, 2]
+        moved = P[b, row + POSITION + k, s] + P[b, row + VELOCITY + k, s] * time
+        P[b, row + POSITION + k, s] = moved + by_theta + by_gyro
+    for k in range(3):
+        by_theta = x * phi.velocity_theta[k, 0] + y * phi.velocity_theta[k, 1] + z * phi.velocity_theta[k, 2]
+        by_gyro = u * phi.velocity_gyro[k, 0] + v * phi.velocity_gyro[k, 1] + w * phi.velocity_gyro[k, 2]
+        P[b, row + VELOCITY + k, s] = P[b, row + VELOCITY + k, s] + by_theta + by_gyro
+    for k in range(3):
+        turned = u * phi.theta_gyro[k, 0] + v * phi.theta_gyro[k, 1] + w * phi.theta_gyro[k, 2]
+        P[b, row + THETA + k, s] = P[b, row + THETA + k, s] + turned
+    x = P[b, row + ACCEL, s]
+    y = P[b, row + ACCEL + 1, s]
+    z = P[b, row + ACCEL + 2, s]
+    for k in range(3):
+        pushed = x * phi.position_accel[k, 0] + y * phi.position_accel[k, 1] + z * phi.position_accel[k, 2]
+        P[b, row + POSITION + k, s] = P[b, row + POSITION + k, s] + pushed
+        pushed = x * phi.velocity_accel[k, 0] + y * phi.velocity_accel[k, 1] + z * phi.velocity_accel[k, 2]
+        P[b, row + VELOCITY + k, s] = P[b, row + VELOCITY + k, s] + pushed
 
 
 @wp.func
@@ -125,20 +137,30 @@ def transpose_block(P: wp.array3d[wp.float64], b: int, row: int):
 
 
 @wp.func
-def propagate_covariance(belief: Belief, b: int, slot: int, phi: Transition):
+def column15(P: wp.array3d[wp.float64], b: int, row: int, c: int) -> vec15d:
+    """Fifteen stacked entries of one column."""
+    column = vec15d()
+    for k in range(15):
+        column[k] = P[b, row + k, c]
+    return column
+
+
+@wp.func
+def propagate_covariance(belief: Belief, rows: Rows, b: int, slot: int, phi: Transition):
     """P = Phi P Phi^T for one robot's transition, the other robots standing."""
     P = belief.covariance
     row = 15 * slot
-    size = 15 * belief.slots[b]
-    for c in range(size):
-        transform_column(P, b, row, c, phi)
+    for s in range(belief.slots[b]):
+        transform_rows(rows, b, row, s, phi)
     transpose_block(P, b, row)
-    for c in range(15):
-        transform_column(P, b, row, row + c, phi)
-    for c in range(size):
-        if c < row or c >= row + 15:
-            for k in range(15):
-                P[b, c, row + k] = P[b, row + k, c]
+    transform_rows(rows, b, row, slot, phi)
+    for s in range(belief.slots[b]):
+        if s != slot:
+            for c in range(15 * s, 15 * s + 15):
+                rows.covariance[b, c, slot] = column15(P, b, row, c)
+    for i in range(15):
+        for k in range(i):
+            P[b, row + k, row + i] = P[b, row + i, row + k]
 
 
 @wp.func
@@ -217,7 +239,7 @@ def stand_still(belief: Belief, member: MemberModel, model: FilterModel, b: int,
 @wp.kernel
 def propagate(
     belief: Belief, command: Command, measured: Measurements, plans: Plans, prior: Prior,
-    members: wp.array[MemberModel], model: FilterModel, running: wp.array[int],
+    members: wp.array[MemberModel], model: FilterModel, rows: Rows, running: wp.array[int],
 ):  # fmt: skip
     """Carry the belief of every running team over one decision."""
     b = wp.tid()
@@ -246,5 +268,5 @@ def propagate(
                 shake = wp.float64(0.0)
                 if wp.length(measured.wheels[b, r]) > STILL_RAD_S:
                     shake = wp.float64(1.0)
-                propagate_covariance(belief, b, slot, phi)
+                propagate_covariance(belief, rows, b, slot, phi)
                 add_noise(belief, members[r], b, slot, phi, shake)

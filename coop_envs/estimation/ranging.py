@@ -12,11 +12,12 @@ import warp as wp
 
 from coop_envs.agents.command import Command
 from coop_envs.estimation.belief import NO_SLOT, WORKING, Belief, MemberModel
+from coop_envs.estimation.rows import Rows
 from coop_envs.sensing.camera import CameraModel, bearing_d
 from coop_envs.sensing.measurements import Measurements
 from coop_envs.sensing.triangulation import OK, Fix, Limits, SpotView, mat1212d, optimal
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+wp.set_module_options({"enable_backward": False, "max_unroll": 6})
 
 SAME_TIME_S = wp.constant(1.0e-3)
 GAP_GATE = 9.0
@@ -61,16 +62,18 @@ def can_range(belief: Belief, cameras: wp.array[CameraModel], b: int, i: int) ->
 
 
 @wp.func
-def joint_covariance(belief: Belief, b: int, i: int, j: int) -> mat1212d:
-    """Covariance of (theta_i, p_i, theta_j, p_j)."""
+def joint_covariance(rows: Rows, b: int, i: int, j: int) -> mat1212d:
+    """Covariance of (theta_i, p_i, theta_j, p_j) of the robots in slots i and j."""
     joint = mat1212d()
-    for k in range(12):
-        row = 15 * belief.slot[b, i] + k
-        if k >= 6:
-            row = 15 * belief.slot[b, j] + k - 6
+    for k in range(6):
+        ii = rows.covariance[b, 15 * i + k, i]
+        ij = rows.covariance[b, 15 * i + k, j]
+        jj = rows.covariance[b, 15 * j + k, j]
         for c in range(6):
-            joint[k, c] = belief.covariance[b, row, 15 * belief.slot[b, i] + c]
-            joint[k, 6 + c] = belief.covariance[b, row, 15 * belief.slot[b, j] + c]
+            joint[k, c] = ii[c]
+            joint[k, 6 + c] = ij[c]
+            joint[6 + c, k] = ij[c]
+            joint[6 + k, 6 + c] = jj[c]
     return joint
 
 
@@ -120,7 +123,7 @@ def is_lit(command: Command, b: int, t: int) -> bool:
 @wp.kernel
 def find_range(
     belief: Belief, measured: Measurements, command: Command, members: wp.array[MemberModel],
-    cameras: wp.array[CameraModel], model: RangingModel, points: Points, running: wp.array[int],
+    cameras: wp.array[CameraModel], model: RangingModel, rows: Rows, points: Points, running: wp.array[int],
 ):  # fmt: skip
     """Triangulate the spots of every running team's last decision, of the ticks in which a laser was lit."""
     b = wp.tid()
@@ -134,7 +137,7 @@ def find_range(
     for i in range(n):
         for j in range(i + 1, n):
             if can_range(belief, cameras, b, i) and can_range(belief, cameras, b, j):
-                joint = joint_covariance(belief, b, i, j)
+                joint = joint_covariance(rows, b, belief.slot[b, i], belief.slot[b, j])
                 for t in range(ticks):
                     both = measured.spot_sigma[b, i, t] > 0.0 and measured.spot_sigma[b, j, t] > 0.0
                     if (

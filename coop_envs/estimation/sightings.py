@@ -14,17 +14,11 @@ from __future__ import annotations
 import warp as wp
 
 from coop_envs.estimation.belief import POSITION, THETA, Belief, MemberModel
-from coop_envs.estimation.kalman import (
-    GATE_SIX,
-    add_to_innovation,
-    clear_rows,
-    correct,
-    row_times_covariance,
-    whitened,
-)
+from coop_envs.estimation.kalman import GATE_SIX, correct_six, passes, row3, whitening
+from coop_envs.estimation.rows import Rows
 from coop_envs.geometry.so3 import log_so3
 from coop_envs.sensing.measurements import Measurements
-from coop_envs.sensing.poses import cholesky6, mat66d, vec6d
+from coop_envs.sensing.poses import mat66d, vec6d
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
@@ -66,24 +60,38 @@ def compare(belief: Belief, measured: Measurements, member: MemberModel, b: int,
 
 
 @wp.func
-def project_rows(belief: Belief, rows: wp.array3d[wp.float64], b: int, view: Sighting, first: int, last: int):
-    """rows = H P of a sighting, columns ``first`` up to ``last``."""
-    clear_rows(rows, b, 6, first, last)
-    row_times_covariance(belief, rows, b, 0, -view.axes, view.camera + THETA, first, last)
-    row_times_covariance(belief, rows, b, 0, view.axes, view.robot + THETA, first, last)
-    row_times_covariance(belief, rows, b, 3, view.lever, view.camera + THETA, first, last)
-    row_times_covariance(belief, rows, b, 3, -view.axes, view.camera + POSITION, first, last)
-    row_times_covariance(belief, rows, b, 3, view.axes, view.robot + POSITION, first, last)
+def project(rows: Rows, b: int, view: Sighting, s: int):
+    """The rows H P of a sighting, the entries of slot s."""
+    i = view.camera
+    j = view.robot
+    x = rows.covariance[b, i + THETA, s]
+    y = rows.covariance[b, i + THETA + 1, s]
+    z = rows.covariance[b, i + THETA + 2, s]
+    tx = rows.covariance[b, j + THETA, s] - x
+    ty = rows.covariance[b, j + THETA + 1, s] - y
+    tz = rows.covariance[b, j + THETA + 2, s] - z
+    px = rows.covariance[b, j + POSITION, s] - rows.covariance[b, i + POSITION, s]
+    py = rows.covariance[b, j + POSITION + 1, s] - rows.covariance[b, i + POSITION + 1, s]
+    pz = rows.covariance[b, j + POSITION + 2, s] - rows.covariance[b, i + POSITION + 2, s]
+    for k in range(3):
+        rows.projected[b, k, s] = tx * view.axes[k, 0] + ty * view.axes[k, 1] + tz * view.axes[k, 2]
+        arm = x * view.lever[k, 0] + y * view.lever[k, 1] + z * view.lever[k, 2]
+        rows.projected[b, 3 + k, s] = arm + px * view.axes[k, 0] + py * view.axes[k, 1] + pz * view.axes[k, 2]
 
 
 @wp.func
-def innovation(rows: wp.array3d[wp.float64], b: int, view: Sighting, noise: mat66d) -> mat66d:
-    """S = H P H^T + noise from rows = H P."""
-    total = add_to_innovation(noise, rows, b, 6, 0, -view.axes, view.camera + THETA)
-    total = add_to_innovation(total, rows, b, 6, 0, view.axes, view.robot + THETA)
-    total = add_to_innovation(total, rows, b, 6, 3, view.lever, view.camera + THETA)
-    total = add_to_innovation(total, rows, b, 6, 3, -view.axes, view.camera + POSITION)
-    return add_to_innovation(total, rows, b, 6, 3, view.axes, view.robot + POSITION)
+def innovation(rows: Rows, b: int, view: Sighting, noise: mat66d) -> mat66d:
+    """S = H P H^T + noise from the projected rows."""
+    total = noise
+    for m in range(6):
+        own = row3(rows, b, m, view.camera + THETA)
+        turn = view.axes * (row3(rows, b, m, view.robot + THETA) - own)
+        shift = row3(rows, b, m, view.robot + POSITION) - row3(rows, b, m, view.camera + POSITION)
+        place = view.lever * own + view.axes * shift
+        for k in range(3):
+            total[m, k] = total[m, k] + turn[k]
+            total[m, 3 + k] = total[m, 3 + k] + place[k]
+    return total
 
 
 @wp.func
@@ -105,33 +113,37 @@ def calibration_noise(member: MemberModel, p: wp.vec3d) -> mat66d:
 @wp.func
 def pose_noise(measured: Measurements, member: MemberModel, b: int, i: int, j: int) -> mat66d:
     """Covariance of the pose of robot j from the camera of robot i."""
-    return measured.covariance[b, i, j] + calibration_noise(member, wp.vec3d(measured.p_camera_body[b, i, j]))
+    covariance = measured.covariance[b, i, j]
+    if member.focal_sigma > wp.float64(0.0) or member.centre_sigma > wp.float64(0.0):
+        covariance = covariance + calibration_noise(member, wp.vec3d(measured.p_camera_body[b, i, j]))
+    return covariance
 
 
 @wp.func
 def correct_pose(
-    belief: Belief, measured: Measurements, member: MemberModel, rows: wp.array3d[wp.float64],
-    b: int, i: int, j: int,
-) -> bool:  # fmt: skip
+    belief: Belief, measured: Measurements, member: MemberModel, rows: Rows, b: int, i: int, j: int
+) -> bool:
     """Update with the pose of robot j from the camera of robot i."""
     view = compare(belief, measured, member, b, i, j)
-    project_rows(belief, rows, b, view, 0, 15 * belief.slots[b])
-    S = innovation(rows, b, view, pose_noise(measured, member, b, i, j))
-    return correct(belief, rows, b, 6, S, view.residual, GATE_SIX)
+    for s in range(belief.slots[b]):
+        project(rows, b, view, s)
+    white = whitening(innovation(rows, b, view, pose_noise(measured, member, b, i, j)), view.residual)
+    if not passes(white, GATE_SIX):
+        return False
+    correct_six(belief, rows, b, white)
+    return True
 
 
 @wp.func
 def confirm_pose(
-    belief: Belief, measured: Measurements, member: MemberModel, rows: wp.array3d[wp.float64],
-    b: int, i: int, j: int,
-) -> bool:  # fmt: skip
+    belief: Belief, measured: Measurements, member: MemberModel, rows: Rows, b: int, i: int, j: int
+) -> bool:
     """Whether a pose would pass the gate; nothing is updated."""
     view = compare(belief, measured, member, b, i, j)
-    project_rows(belief, rows, b, view, view.camera, view.camera + 6)
-    project_rows(belief, rows, b, view, view.robot, view.robot + 6)
-    L = cholesky6(innovation(rows, b, view, pose_noise(measured, member, b, i, j)))
-    y = whitened(L, view.residual, 6)
-    return L[0, 0] > wp.float64(0.0) and wp.dot(y, y) <= GATE_SIX
+    project(rows, b, view, belief.slot[b, i])
+    project(rows, b, view, belief.slot[b, j])
+    S = innovation(rows, b, view, pose_noise(measured, member, b, i, j))
+    return passes(whitening(S, view.residual), GATE_SIX)
 
 
 @wp.func
@@ -159,7 +171,7 @@ def blame(belief: Belief, b: int, i: int, j: int, refused: int, accepted: int) -
 
 @wp.func
 def fuse_sightings(
-    belief: Belief, measured: Measurements, members: wp.array[MemberModel], rows: wp.array3d[wp.float64],
+    belief: Belief, measured: Measurements, members: wp.array[MemberModel], rows: Rows,
     b: int, i: int,
 ):  # fmt: skip
     """Fuse what camera i saw. Between two robots at rest the same view is only checked after a while."""

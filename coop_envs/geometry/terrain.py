@@ -20,9 +20,16 @@ ENDLESS = wp.constant(1.0e30)
 
 @wp.struct
 class Terrain:
-    """All worlds: heights of world w start at ``offset[w]``, row-major (x, y); ``mesh[w]`` is 0 where there is none."""
+    """All worlds: heights of world w start at ``offset[w]``, row-major (x, y); ``mesh[w]`` is 0 where there is none.
+
+    A cell has the index of its lower corner: ``top`` is the highest of its corners, and ``level`` 1 where the ground
+    within ``level_reach`` (m) of the cell has one height.
+    """
 
     heights: wp.array[float]
+    top: wp.array[float]
+    level: wp.array[wp.int8]
+    level_reach: float
     offset: wp.array[int]
     shape: wp.array[wp.vec2i]
     origin: wp.array[wp.vec2]
@@ -58,6 +65,15 @@ def ground_height(terrain: Terrain, w: int, x: float, y: float) -> float:
     i = wp.min(int(gx), n[0] - 2)
     j = wp.min(int(gy), n[1] - 2)
     return in_cell(corner_heights(terrain, w, i, j), gx - float(i), gy - float(j))
+
+
+@wp.func
+def is_level(terrain: Terrain, w: int, x: float, y: float, reach: float) -> bool:
+    """Whether the ground within ``reach`` (m) of a point in the world is known to have one height."""
+    inverse = 1.0 / terrain.cell[w]
+    i = int((x - terrain.origin[w][0]) * inverse)
+    j = int((y - terrain.origin[w][1]) * inverse)
+    return reach <= terrain.level_reach and terrain.level[terrain.offset[w] + i * terrain.shape[w][1] + j] != wp.int8(0)
 
 
 @wp.func
@@ -128,12 +144,17 @@ def cast_height_field(terrain: Terrain, w: int, start: wp.vec3, direction: wp.ve
     j = wp.clamp(int(wp.floor(gy + dy * t)), 0, n[1] - 2)
     next_x = next_border(gx, dx, i)
     next_y = next_border(gy, dy, j)
+    across_x = wp.abs(1.0 / dx)
+    across_y = wp.abs(1.0 / dy)
+    step_i = int(wp.sign(dx))
+    step_j = int(wp.sign(dy))
+    k = terrain.offset[w] + i * n[1] + j
+    z0 = start[2] + direction[2] * t
     while t <= far and i >= 0 and j >= 0 and i < n[0] - 1 and j < n[1] - 1:
         leave = wp.max(t, wp.min(wp.min(next_x, next_y), far))
-        h = corner_heights(terrain, w, i, j)
-        z0 = start[2] + direction[2] * t
         z1 = start[2] + direction[2] * leave
-        if wp.min(z0, z1) <= wp.max(wp.max(h[0], h[1]), wp.max(h[2], h[3])):
+        if wp.min(z0, z1) <= terrain.top[k]:
+            h = corner_heights(terrain, w, i, j)
             p0 = wp.vec3(gx + dx * t - float(i), gy + dy * t - float(j), z0)
             p1 = wp.vec3(gx + dx * leave - float(i), gy + dy * leave - float(j), z1)
             hit = cell_crossing(h, p0, p1, t, leave)
@@ -142,12 +163,15 @@ def cast_height_field(terrain: Terrain, w: int, start: wp.vec3, direction: wp.ve
         if leave >= far:
             return MISS
         t = leave
+        z0 = z1
         if next_x < next_y:
-            i = i + int(wp.sign(dx))
-            next_x = next_x + wp.abs(1.0 / dx)
+            i = i + step_i
+            k = k + step_i * n[1]
+            next_x = next_x + across_x
         else:
-            j = j + int(wp.sign(dy))
-            next_y = next_y + wp.abs(1.0 / dy)
+            j = j + step_j
+            k = k + step_j
+            next_y = next_y + across_y
     return MISS
 
 
@@ -182,23 +206,40 @@ def slope_normal(h: wp.vec4, u: float, v: float, cell: float) -> wp.vec3:
     return wp.normalize(wp.vec3(h[1] - h[3], h[2] - h[3], cell))
 
 
+@wp.struct
+class Surface:
+    """Where a ray first meets a surface: the way there (m), `MISS` where it does not; unit normal towards its start."""
+
+    t: float
+    normal: wp.vec3
+
+
 @wp.func
-def surface_normal(terrain: Terrain, w: int, start: wp.vec3, direction: wp.vec3, t: float) -> wp.vec3:
-    """Unit normal, towards the ray's start, of the surface that `cast_ray` found at t."""
-    normal = -direction
+def field_normal(terrain: Terrain, w: int, at: wp.vec3) -> wp.vec3:
+    """Upward unit normal of the height field at a point on it."""
+    cell = terrain.cell[w]
+    n = terrain.shape[w]
+    gx = (at[0] - terrain.origin[w][0]) / cell
+    gy = (at[1] - terrain.origin[w][1]) / cell
+    i = wp.clamp(int(gx), 0, n[0] - 2)
+    j = wp.clamp(int(gy), 0, n[1] - 2)
+    return slope_normal(corner_heights(terrain, w, i, j), gx - float(i), gy - float(j), cell)
+
+
+@wp.func
+def cast_to_surface(terrain: Terrain, w: int, start: wp.vec3, direction: wp.vec3, limit: float) -> Surface:
+    """As `cast_ray`, with the normal of the surface that it meets."""
+    found = Surface()
+    found.t = MISS
     if terrain.mesh[w] != wp.uint64(0):
-        query = wp.mesh_query_ray(terrain.mesh[w], start, direction, t + 1.0e-3)
+        query = wp.mesh_query_ray(terrain.mesh[w], start, direction, limit)
         if query.result:
-            normal = query.normal
+            found.t = query.t
+            found.normal = query.normal
     else:
-        cell = terrain.cell[w]
-        n = terrain.shape[w]
-        hit = start + direction * t
-        gx = (hit[0] - terrain.origin[w][0]) / cell
-        gy = (hit[1] - terrain.origin[w][1]) / cell
-        i = wp.clamp(int(gx), 0, n[0] - 2)
-        j = wp.clamp(int(gy), 0, n[1] - 2)
-        normal = slope_normal(corner_heights(terrain, w, i, j), gx - float(i), gy - float(j), cell)
-    if wp.dot(normal, direction) > 0.0:
-        return -normal
-    return normal
+        found.t = cast_height_field(terrain, w, start, direction, limit)
+        if found.t >= 0.0:
+            found.normal = field_normal(terrain, w, start + direction * found.t)
+    if wp.dot(found.normal, direction) > 0.0:
+        found.normal = -found.normal
+    return found

@@ -26,6 +26,8 @@ STUCK, SILENT = wp.constant(1), wp.constant(2)
 EXPLAINED_AWAY = wp.constant(4)
 GROUND, OBSTACLE, VOLUME = wp.constant(0), wp.constant(1), wp.constant(2)
 LAYERS = 2
+PROBABLE = wp.constant(0.6)
+UNKNOWN = wp.constant(128)  # how a chance of a half is shown
 NO_PASSAGE = wp.constant(-1)
 FIRST_STEP_M = wp.constant(0.02)
 SIGMAS = wp.constant(2.0)
@@ -37,6 +39,9 @@ class GroundMap:
 
     log_odds
         (B, 2, C) of "the ground carries robots" and of "something stands here", in sixteenths.
+    shown
+        (B, 2, D) the same as observations show it: chances times 255 of blocks of ``stride`` x ``stride`` cells,
+        row-major, see `shown_chance`.
     volume
         (B, C, L) of "something is here", levels from the lowest, in sixteenths.
     passage
@@ -46,17 +51,18 @@ class GroundMap:
     proven_at
         (B, N) x, y, 1 where a robot's footprint was last entered.
     changes, change_count
-        (B, K) layer, cell, old and new value of what this decision changed; (B,) how many. Layer `VOLUME` + k is
-        level k.
+        (B, K) cell, and layer, old and new value in one number (see `change_of`), of what this decision changed; (B,)
+        how many. Layer `VOLUME` + k is level k.
     """
 
     log_odds: wp.array3d[wp.int8]
+    shown: wp.array3d[wp.uint8]
     volume: wp.array3d[wp.int8]
     passage: wp.array2d[wp.int8]
     corner: wp.array[wp.vec2]
     cells: wp.array[wp.vec2i]
     proven_at: wp.array2d[wp.vec3]
-    changes: wp.array2d[wp.vec4i]
+    changes: wp.array2d[wp.vec2i]
     change_count: wp.array[int]
 
 
@@ -64,6 +70,7 @@ class GroundMap:
 class MapModel:
     """Cells along x and y, their size (m), and the radius of ground called hazardous around a stuck robot.
 
+    Observations show blocks of ``stride`` by ``stride`` cells.
     ``levels`` (0: no volume) start at height ``floor`` in the team frame. A robot needs ``clearance`` free levels to
     pass, over ground that rises by at most ``step`` levels a cell. Rays sweep free what is within ``sweep`` m.
     """
@@ -71,6 +78,7 @@ class MapModel:
     nx: int
     ny: int
     cell: float
+    stride: int
     mark_radius: float
     levels: int
     floor: float
@@ -104,12 +112,13 @@ def allocate_map(
 
     ``swept_cells`` is how many cells of the volume the rays of one decision may change.
     """
-    side = 2 * math.ceil(reach_m / model.cell) + 3
+    side = math.floor(2.0 * reach_m / model.cell) + 1
     changes = (teams, robots * (LAYERS + model.levels) * side * side + swept_cells)
     log_odds = (teams, LAYERS, model.nx * model.ny)
     volume = (teams, model.nx * model.ny, model.levels)
     passage = (teams, model.nx * model.ny * min(model.levels, 1))
-    sizes = {"log_odds": log_odds, "volume": volume, "passage": passage, "changes": changes}
+    shown = (teams, LAYERS, math.ceil(model.nx / model.stride) * math.ceil(model.ny / model.stride))
+    sizes = {"log_odds": log_odds, "shown": shown, "volume": volume, "passage": passage, "changes": changes}
     return allocate(GroundMap, (teams, robots), device, **sizes)
 
 
@@ -121,8 +130,76 @@ def evidence_at(ground: GroundMap, b: int, layer: int, cell: int) -> int:
     return int(ground.log_odds[b, layer, cell])
 
 
+@wp.struct
+class Change:
+    """What became of a cell of a layer: log-odds before and after."""
+
+    layer: int
+    cell: int
+    was: int
+    now: int
+
+
 @wp.func
-def set_evidence(ground: GroundMap, b: int, layer: int, cell: int, new: int):
+def packed_change(layer: int, cell: int, old: int, new: int) -> wp.vec2i:
+    """The entry of a change in `GroundMap.changes`."""
+    return wp.vec2i(cell, (layer << 16) | ((old + 128) << 8) | (new + 128))
+
+
+@wp.func
+def change_of(entry: wp.vec2i) -> Change:
+    """The change that an entry of `GroundMap.changes` tells of."""
+    change = Change()
+    change.cell = entry[0]
+    change.layer = entry[1] >> 16
+    change.was = ((entry[1] >> 8) & 255) - 128
+    change.now = (entry[1] & 255) - 128
+    return change
+
+
+@wp.func
+def probability(log_odds: int) -> float:
+    """Probability of a cell's statement."""
+    if log_odds == 0:
+        return 0.5
+    return 1.0 / (1.0 + wp.exp(-float(log_odds) / LOG_ODDS))
+
+
+@wp.func
+def shown_chance(ground: GroundMap, model: MapModel, b: int, layer: int, i0: int, j0: int) -> int:
+    """Probability times 255 of the block from cell (i0, j0): of its likeliest hazard or obstacle, else their mean."""
+    total = float(0.0)
+    worst = float(0.5)
+    for i in range(i0, i0 + model.stride):
+        for j in range(j0, j0 + model.stride):
+            p = float(0.5)
+            if i < model.nx and j < model.ny:
+                p = probability(int(ground.log_odds[b, layer, i * model.ny + j]))
+            total = total + p
+            bad = p
+            if layer == GROUND:
+                bad = 1.0 - p
+            worst = wp.max(worst, bad)
+    p = total / float(model.stride * model.stride)
+    if worst > PROBABLE:
+        p = worst
+        if layer == GROUND:
+            p = 1.0 - worst
+    return int(wp.floor(p * 255.0 + 0.5))
+
+
+@wp.func
+def show(ground: GroundMap, model: MapModel, b: int, layer: int, cell: int):
+    """Bring what is shown of a cell's block up to date."""
+    i = (cell // model.ny) // model.stride
+    j = (cell % model.ny) // model.stride
+    across = (model.ny + model.stride - 1) // model.stride
+    chance = shown_chance(ground, model, b, layer, i * model.stride, j * model.stride)
+    ground.shown[b, layer, i * across + j] = wp.uint8(chance)
+
+
+@wp.func
+def set_evidence(ground: GroundMap, model: MapModel, b: int, layer: int, cell: int, new: int):
     """Overwrite the log-odds of a cell and note the change."""
     old = evidence_at(ground, b, layer, cell)
     if new == old:
@@ -131,16 +208,18 @@ def set_evidence(ground: GroundMap, b: int, layer: int, cell: int, new: int):
         ground.volume[b, cell, layer - VOLUME] = wp.int8(new)
     else:
         ground.log_odds[b, layer, cell] = wp.int8(new)
+        show(ground, model, b, layer, cell)
     k = ground.change_count[b]
     if k < ground.changes.shape[1]:
-        ground.changes[b, k] = wp.vec4i(layer, cell, old, new)
+        ground.changes[b, k] = packed_change(layer, cell, old, new)
         ground.change_count[b] = k + 1
 
 
 @wp.func
-def add_evidence(ground: GroundMap, b: int, layer: int, cell: int, evidence: int):
+def add_evidence(ground: GroundMap, model: MapModel, b: int, layer: int, cell: int, evidence: int):
     """Add log-odds to one cell and note the change."""
-    set_evidence(ground, b, layer, cell, wp.clamp(evidence_at(ground, b, layer, cell) + evidence, -LIMIT, LIMIT))
+    new = wp.clamp(evidence_at(ground, b, layer, cell) + evidence, -LIMIT, LIMIT)
+    set_evidence(ground, model, b, layer, cell, new)
 
 
 @wp.func
@@ -158,7 +237,7 @@ def stamp(
         for j in range(j0, j1 + 1):
             centre = corner + wp.vec2((float(i) + 0.5) * model.cell, (float(j) + 0.5) * model.cell)
             if wp.length(centre - at) <= radius and wp.length(centre - besides) > beside:
-                add_evidence(ground, b, layer, i * model.ny + j, evidence)
+                add_evidence(ground, model, b, layer, i * model.ny + j, evidence)
 
 
 @wp.func
@@ -186,7 +265,7 @@ def blame(ground: GroundMap, model: MapModel, b: int, at: wp.vec2, foot: Footpri
                     evidence = STUCK_HERE
                 if foot.marks == STUCK and int(ground.log_odds[b, GROUND, cell]) >= TRUSTED:
                     evidence = evidence // EXPLAINED_AWAY
-                add_evidence(ground, b, GROUND, cell, evidence)
+                add_evidence(ground, model, b, GROUND, cell, evidence)
 
 
 @wp.func
@@ -219,12 +298,6 @@ def draw_footprint(ground: GroundMap, model: MapModel, b: int, r: int, foot: Foo
         blame(ground, model, b, at, foot)
 
 
-@wp.func
-def probability(log_odds: wp.int8) -> float:
-    """Probability of a cell's statement."""
-    return 1.0 / (1.0 + wp.exp(-float(log_odds) / LOG_ODDS))
-
-
 @wp.kernel
 def begin_map(
     ground: GroundMap,
@@ -245,6 +318,8 @@ def begin_map(
     for layer in range(ground.log_odds.shape[1]):
         for c in range(ground.log_odds.shape[2]):
             ground.log_odds[b, layer, c] = wp.int8(0)
+        for d in range(ground.shown.shape[2]):
+            ground.shown[b, layer, d] = wp.uint8(UNKNOWN)
     for c in range(ground.passage.shape[1]):
         ground.passage[b, c] = wp.int8(NO_PASSAGE)
         for level in range(model.levels):

@@ -14,6 +14,7 @@ from coop_envs.mapping.ground_map import (
     GroundMap,
     MapModel,
     add_evidence,
+    change_of,
     set_evidence,
 )
 from coop_envs.mapping.sweep import HIT, begin_sweep, span_in_slice, swept_evidence
@@ -22,6 +23,12 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 FREE, SOLID = wp.constant(-24), wp.constant(24)
 CLEAR, STANDS = wp.constant(-48), wp.constant(48)
+
+
+@wp.func
+def axis_of(k: int) -> wp.vec3i:
+    """The unit step along axis k."""
+    return wp.vec3i(int(k == 0), int(k == 1), int(k == 2))
 
 
 @wp.func
@@ -34,18 +41,19 @@ def sweep_ray(ground: GroundMap, model: MapModel, b: int, start: wp.vec3, end: w
     sweep = begin_sweep((start - origin) / model.cell, (end - origin) / model.cell, cells, wp.vec3i(0, 0, 0), high)
     u = (sweep.main + 1) % 3
     v = (sweep.main + 2) % 3
-    cell = wp.vec3i()
+    ahead = axis_of(sweep.main)
+    along_u = axis_of(u)
+    along_v = axis_of(v)
     for s in range(sweep.first, sweep.last + 1):
-        along_u = span_in_slice(sweep, s, u)
-        along_v = span_in_slice(sweep, s, v)
-        cell[sweep.main] = s
-        for i in range(along_u[0], along_u[1] + 1):
-            cell[u] = i
-            for j in range(along_v[0], along_v[1] + 1):
-                cell[v] = j
+        span_u = span_in_slice(sweep, s, u)
+        span_v = span_in_slice(sweep, s, v)
+        for i in range(span_u[0], span_u[1] + 1):
+            row = ahead * s + along_u * i
+            for j in range(span_v[0], span_v[1] + 1):
+                cell = row + along_v * j
                 evidence = swept_evidence(sweep, cell)
                 if evidence != 0:
-                    add_evidence(ground, b, VOLUME + cell[2], cell[0] * model.ny + cell[1], evidence)
+                    add_evidence(ground, model, b, VOLUME + cell[2], cell[0] * model.ny + cell[1], evidence)
 
 
 @wp.func
@@ -57,7 +65,7 @@ def mark_point(ground: GroundMap, model: MapModel, b: int, point: wp.vec3):
     k = int(wp.floor((point[2] - model.floor) / model.cell))
     inside = i >= 0 and j >= 0 and k >= 0 and i < ground.cells[b][0] and j < ground.cells[b][1] and k < model.levels
     if inside:
-        add_evidence(ground, b, VOLUME + k, i * model.ny + j, HIT)
+        add_evidence(ground, model, b, VOLUME + k, i * model.ny + j, HIT)
 
 
 @wp.func
@@ -103,7 +111,7 @@ def judge_column(ground: GroundMap, model: MapModel, b: int, i: int, j: int):
         verdict = STANDS
     elif int(ground.passage[b, cell]) != NO_PASSAGE:
         verdict = CLEAR
-    set_evidence(ground, b, OBSTACLE, cell, verdict)
+    set_evidence(ground, model, b, OBSTACLE, cell, verdict)
 
 
 @wp.func
@@ -116,11 +124,11 @@ def kind(log_odds: int) -> int:
 def judge_changes(ground: GroundMap, model: MapModel, b: int):
     """Judge anew the columns in which a cell became free, solid or doubtful in this decision, and those beside them."""
     for k in range(ground.change_count[b]):
-        change = ground.changes[b, k]
-        was = kind(change[2])
-        now = kind(change[3])
-        if change[0] >= VOLUME and was != now:
-            cell = change[1]
+        change = change_of(ground.changes[b, k])
+        was = kind(change.was)
+        now = kind(change.now)
+        if change.layer >= VOLUME and was != now:
+            cell = change.cell
             i = cell // model.ny
             j = cell % model.ny
             level = find_passage(ground, model, b, cell)

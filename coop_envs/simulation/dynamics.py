@@ -11,7 +11,7 @@ import warp as wp
 
 from coop_envs.geometry.so3 import stand_on, wrap
 from coop_envs.geometry.terrain import Terrain
-from coop_envs.simulation.footing import foot_point, footing
+from coop_envs.simulation.footing import Footing, foot_point, footing
 from coop_envs.simulation.hazards import motion_scale
 from coop_envs.simulation.parameters import Hazards, RobotModel
 from coop_envs.simulation.state import ACTIVE, DOCKED, FALLEN, SWALLOWED, State
@@ -19,6 +19,8 @@ from coop_envs.simulation.state import ACTIVE, DOCKED, FALLEN, SWALLOWED, State
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 SLIDE_M_S = wp.constant(1.0)  # assumed: speed of a slide with no grip at all down a vertical slope
+
+AS_WANTED, ALONG_WALL, NOWHERE = (wp.constant(k) for k in range(3))
 
 
 @wp.struct
@@ -127,14 +129,23 @@ def drive(state: State, robots: wp.array[RobotModel], ground: Ground, b: int, r:
     velocity = facing * wp.vec3(motion[0], motion[1], 0.0)
     wanted = wp.vec2(velocity[0], velocity[1]) * dt
     step = around_robots(state, robots, b, r, at, wanted)
-    stand = footing(ground.terrain, w, model, at + step, foot[2], up)
-    if wp.dot(step, stand.wall) > 0.0:
-        step = without_approach(step, stand.wall)
+    stand = Footing()
+    way = int(AS_WANTED)
+    trying = bool(True)
+    while trying:
         stand = footing(ground.terrain, w, model, at + step, foot[2], up)
-    stuck = stand.missing == 1 or wp.dot(step, stand.wall) > 1.0e-7
-    if stuck or (wp.length(step - wanted) > 0.0 and pushes_any(state, robots, b, r, at, step)):
-        step = wp.vec2(0.0, 0.0)
-        stand = footing(ground.terrain, w, model, at, foot[2], up)
+        into = wp.dot(step, stand.wall)
+        stuck = stand.missing == 1 or into > 1.0e-7
+        if way == AS_WANTED and into > 0.0:
+            step = without_approach(step, stand.wall)
+            way = ALONG_WALL
+        elif way != NOWHERE and (
+            stuck or (wp.length(step - wanted) > 0.0 and pushes_any(state, robots, b, r, at, step))
+        ):
+            step = wp.vec2(0.0, 0.0)
+            way = NOWHERE
+        else:
+            trying = bool(False)
     yaw = wrap(state.yaw[b, r] + turn)
     now = at + step
     state.yaw[b, r] = yaw

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from coop_envs.geometry.terrain import Terrain, ground_height
+from coop_envs.geometry.terrain import Terrain, ground_height, is_level
 from coop_envs.simulation.parameters import RobotModel
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
@@ -50,6 +50,10 @@ def footing(terrain: Terrain, w: int, model: RobotModel, at: wp.vec2, below: flo
     if centre < ABYSS or centre - below > model.step_rise:
         foot.missing = 1
         foot.height = below
+        foot.normal = wp.vec3(0.0, 0.0, 1.0)
+        return foot
+    if below - centre <= model.drop_depth and is_level(terrain, w, at[0], at[1], model.body_radius):
+        foot.height = centre
         foot.normal = wp.vec3(0.0, 0.0, 1.0)
         return foot
     sinking = below - centre > SINKING * model.drop_depth

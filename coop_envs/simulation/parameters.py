@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import colorsys
+import math
 from collections.abc import Sequence
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter, minimum_filter
 
 from coop_envs.agents.power import PowerMatrices
 from coop_envs.agents.specification import Hat
@@ -17,6 +20,7 @@ from coop_envs.sensing.hats import Hats, pack_hats
 from coop_envs.worlds.world import World
 
 SHORTEST_REACH_M = 0.01
+LEVEL_REACH_M = 0.08
 TRAP, HOLE, SLIPPERY = wp.constant(0), wp.constant(1), wp.constant(2)
 HAZARD_KINDS = {"trap": 0, "hole": 1, "slippery": 2}
 
@@ -134,6 +138,12 @@ def pack_terrain(worlds: Sequence[World], device: str) -> tuple[Terrain, list[wp
     meshes = {id(w.mesh): _mesh(w, device) for w in worlds if w.mesh is not None}
     terrain = Terrain()
     terrain.heights = wp.array(np.concatenate(flat), dtype=float, device=device)
+    shaped = [heights.reshape(f.heights_m.shape) for heights, f in zip(flat, fields, strict=True)]
+    level = [_level_cells(heights, f.cell_m) for heights, f in zip(shaped, fields, strict=True)]
+    tops = [maximum_filter(heights, 2, mode="nearest", origin=-1) for heights in shaped]
+    terrain.top = wp.array(np.concatenate([top.ravel() for top in tops]), dtype=float, device=device)
+    terrain.level = wp.array(np.concatenate(level), dtype=wp.int8, device=device)
+    terrain.level_reach = LEVEL_REACH_M
     terrain.offset = wp.array(np.cumsum([0] + [f.size for f in flat[:-1]]), dtype=int, device=device)
     terrain.shape = wp.array([f.heights_m.shape for f in fields], dtype=wp.vec2i, device=device)
     terrain.origin = wp.array([f.origin_m for f in fields], dtype=wp.vec2, device=device)
@@ -141,6 +151,15 @@ def pack_terrain(worlds: Sequence[World], device: str) -> tuple[Terrain, list[wp
     ids = [meshes[id(w.mesh)].id if w.mesh is not None else 0 for w in worlds]
     terrain.mesh = wp.array(ids, dtype=wp.uint64, device=device)
     return terrain, list(meshes.values())
+
+
+def _level_cells(heights: NDArray[np.float32], cell_m: float) -> NDArray[np.int8]:
+    """1 at the lower corners of cells (n,) around which all nodes within `LEVEL_REACH_M`, and one more, agree."""
+    around = math.ceil(LEVEL_REACH_M / cell_m) + 1
+    size = 2 * around + 2  # nodes from `around` before the lower corner to `around` after the upper one: origin -1
+    low = minimum_filter(heights, size, mode="constant", cval=NO_GROUND_M, origin=-1)
+    high = maximum_filter(heights, size, mode="constant", cval=NO_GROUND_M, origin=-1)
+    return (low == high).astype(np.int8).ravel()
 
 
 def _mesh(world: World, device: str) -> wp.Mesh:

@@ -10,7 +10,7 @@ import warp as wp
 from coop_envs.agents.command import Command
 from coop_envs.agents.raster import LaserModel
 from coop_envs.geometry.keyed_random import draw_key, normal2, uniform
-from coop_envs.geometry.terrain import blocked, cast_ray, surface_normal
+from coop_envs.geometry.terrain import blocked, cast_to_surface
 from coop_envs.sensing.camera import CameraModel, in_view, project
 from coop_envs.sensing.leds import LedModel
 from coop_envs.sensing.measurements import Measurements
@@ -54,12 +54,12 @@ def land(
     ray = R * wp.vec3(wp.cos(mirror[0]) * level, wp.sin(mirror[0]) * level, wp.sin(mirror[1]))
     start = state.position[b, r] + R * lasers[r].position
     w = state.world[b]
-    t_hit = cast_ray(ground.terrain, w, start, ray, LASER_REACH_M)
-    if t_hit > 0.0:
-        spot.point = start + ray * t_hit
-        spot.normal = surface_normal(ground.terrain, w, start, ray, t_hit)
+    surface = cast_to_surface(ground.terrain, w, start, ray, LASER_REACH_M)
+    if surface.t > 0.0:
+        spot.point = start + ray * surface.t
+        spot.normal = surface.normal
         spot.incidence = -wp.dot(ray, spot.normal)
-        spot.distance = t_hit
+        spot.distance = surface.t
         spot.duty = command.laser[b, r, t]
         spot.source = r
         free = not hidden_by_robot(state, robots, b, r, r, start, spot.point)

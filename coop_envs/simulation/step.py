@@ -113,33 +113,36 @@ def walk_biases(state: State, model: RobotModel, b: int, r: int, dt: float):
 
 
 @wp.func
-def tick_robot(
-    state: State, command: Command, out: Measurements, robots: wp.array[RobotModel], lasers: wp.array[LaserModel],
-    ground: Ground, clock: Clock, b: int, r: int, t: int,
-):  # fmt: skip
-    """One tick of one robot."""
-    model = robots[r]
-    before = state.position[b, r]
-    last = before
-    R = state.rotation[b, r]
+def roll(
+    state: State, command: Command, out: Measurements, robots: wp.array[RobotModel], ground: Ground, clock: Clock,
+    b: int, r: int,
+) -> wp.vec3:  # fmt: skip
+    """Move one robot for a tick; its velocity in the last substep."""
+    last = state.position[b, r]
     dt = clock.tick_s / float(clock.substeps)
-    wander_slip(state, model, b, r, state.tick[b] + t, clock.tick_s)
     for _s in range(clock.substeps):
         last = state.position[b, r]
         if state.status[b, r] == ACTIVE or state.status[b, r] == TRAPPED:
-            spin_wheels(state, model, b, r, command.wheels[b, r], dt)
+            spin_wheels(state, robots[r], b, r, command.wheels[b, r], dt)
             out.wheels[b, r] = out.wheels[b, r] + state.wheels[b, r] / float(clock.substeps * clock.ticks)
         if restless(state, ground.friction, b, r):
             drive(state, robots, ground, b, r, dt)
+    return (state.position[b, r] - last) / dt
+
+
+@wp.func
+def end_tick(
+    state: State, command: Command, model: RobotModel, laser: LaserModel, hazards: Hazards, b: int, r: int, t: int,
+    tick_s: float,
+):  # fmt: skip
+    """What a tick's end brings to one robot besides motion: hazards, the mirror's turn, the energy drawn."""
     if state.status[b, r] == ACTIVE:
-        meet_hazards(state, model, ground.hazards, b, r)
-    steering = turn_mirror(state, command, lasers[r], b, r, t, clock.tick_s)
+        meet_hazards(state, model, hazards, b, r)
+    steering = turn_mirror(state, command, laser, b, r, t, tick_s)
     if state.status[b, r] != DEPLETED and state.status[b, r] != SWALLOWED:
-        draw_power(state, command, model, b, r, t, steering, clock.tick_s)
+        draw_power(state, command, model, b, r, t, steering, tick_s)
     if state.status[b, r] != ACTIVE and state.status[b, r] != TRAPPED:
         state.wheels[b, r] = wp.vec2(0.0, 0.0)
-    state.path[b, r] = state.path[b, r] + wp.length(state.position[b, r] - before)
-    sample_imu(state, out, model, b, r, t, R, (state.position[b, r] - last) / dt, clock.tick_s)
 
 
 @wp.kernel
@@ -157,7 +160,13 @@ def advance(
     for t in range(clock.ticks):
         for r in range(n):
             if state.status[b, r] != DOCKED and state.collected[b, r] == 0:
-                tick_robot(state, command, out, robots, lasers, ground, clock, b, r, t)
+                before = state.position[b, r]
+                R = state.rotation[b, r]
+                wander_slip(state, robots[r], b, r, state.tick[b] + t, clock.tick_s)
+                velocity = roll(state, command, out, robots, ground, clock, b, r)
+                end_tick(state, command, robots[r], lasers[r], ground.hazards, b, r, t, clock.tick_s)
+                state.path[b, r] = state.path[b, r] + wp.length(state.position[b, r] - before)
+                sample_imu(state, out, robots[r], b, r, t, R, velocity, clock.tick_s)
     state.tick[b] = state.tick[b] + clock.ticks
     for r in range(n):
         model = robots[r]

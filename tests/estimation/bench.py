@@ -11,8 +11,9 @@ from coop_envs.agents.team import Team
 from coop_envs.estimation.belief import Belief, MemberModel, allocate_belief, member_models
 from coop_envs.estimation.correction import correct_odometry, correct_rest
 from coop_envs.estimation.propagation import FilterModel, Transition, add_noise, integrate, propagate_covariance
+from coop_envs.estimation.rows import Rows, allocate_rows
 from coop_envs.estimation.settings import Estimation
-from coop_envs.estimation.sightings import compare, confirm_pose, correct_pose, innovation, project_rows
+from coop_envs.estimation.sightings import compare, confirm_pose, correct_pose, innovation, project
 from coop_envs.sensing.measurements import Measurements, allocate_measurements
 from coop_envs.sensing.poses import mat66d, vec6d
 
@@ -36,8 +37,8 @@ def run_integrate(belief: Belief, measured: Measurements, model: FilterModel, r:
 
 
 @wp.kernel
-def run_spread(belief: Belief, phi: wp.array[Transition], r: int):
-    propagate_covariance(belief, 0, belief.slot[0, r], phi[0])
+def run_spread(belief: Belief, rows: Rows, phi: wp.array[Transition], r: int):
+    propagate_covariance(belief, rows, 0, belief.slot[0, r], phi[0])
 
 
 @wp.kernel
@@ -50,14 +51,15 @@ def run_compare(
     belief: Belief,
     measured: Measurements,
     members: wp.array[MemberModel],
-    rows: wp.array3d[wp.float64],
+    rows: Rows,
     i: int,
     j: int,
     residual: wp.array[vec6d],
     S: wp.array[mat66d],
 ):
     view = compare(belief, measured, members[i], 0, i, j)
-    project_rows(belief, rows, 0, view, 0, 15 * belief.slots[0])
+    for s in range(belief.slots[0]):
+        project(rows, 0, view, s)
     residual[0] = view.residual
     S[0] = innovation(rows, 0, view, measured.covariance[0, i, j])
 
@@ -67,7 +69,7 @@ def run_pose(
     belief: Belief,
     measured: Measurements,
     members: wp.array[MemberModel],
-    rows: wp.array3d[wp.float64],
+    rows: Rows,
     i: int,
     j: int,
     update: int,
@@ -85,7 +87,7 @@ def run_odometry(
     measured: Measurements,
     members: wp.array[MemberModel],
     model: FilterModel,
-    rows: wp.array3d[wp.float64],
+    rows: Rows,
     r: int,
 ):
     correct_odometry(belief, measured, members[r], model, rows, 0, r)
@@ -97,7 +99,7 @@ def run_rest(
     measured: Measurements,
     members: wp.array[MemberModel],
     model: FilterModel,
-    rows: wp.array3d[wp.float64],
+    rows: Rows,
     r: int,
 ):
     correct_rest(belief, measured, members[r], model, rows, 0, r)
@@ -112,7 +114,7 @@ class Bench:
         self.members = member_models(team, Estimation(), "cpu")
         self.belief: Belief = allocate_belief(team, 1, "cpu")
         self.measured: Measurements = allocate_measurements(1, self.n, TICKS, "cpu")
-        self.rows = wp.zeros((1, 6, self.belief.covariance.shape[1]), dtype=wp.float64)
+        self.rows = allocate_rows(self.belief)
         self.model = FilterModel()
         self.model.tick_s, self.model.decision_s = TICK_S, TICK_S * TICKS
         self.model.rest_s, self.model.odometry_scale = 0.3, 1.0

@@ -108,7 +108,7 @@ def test_transition_is_the_derivative_of_the_integration(bench):
 def test_covariance_is_carried_as_phi_p_phi_t_across_all_robots(bench):
     P = bench.P
     _, phi = carried(bench, bench.state())
-    bench.run(run_spread, bench.belief, phi, R_INDEX)
+    bench.run(run_spread, bench.belief, bench.rows, phi, R_INDEX)
     Phi = np.eye(SIZE * bench.n)
     own = np.s_[SIZE * R_INDEX : SIZE * (R_INDEX + 1)]
     Phi[own, own] = dense(phi)

@@ -49,7 +49,7 @@ def model(bench):
 def compared(bench):
     residual, S = wp.zeros(1, dtype=vec6d), wp.zeros(1, dtype=mat66d)
     bench.run(run_compare, bench.belief, bench.measured, bench.members, bench.rows, CAMERA_ROBOT, SEEN, residual, S)
-    return residual.numpy()[0], S.numpy()[0], bench.rows.numpy()[0, :, : SIZE * bench.n]
+    return residual.numpy()[0], S.numpy()[0], bench.rows.entries.numpy()[0, :, : SIZE * bench.n]
 
 
 def updated(bench, update=True):

@@ -23,6 +23,7 @@ class Chart:
 
     def __init__(self) -> None:
         self.model = MapModel()
+        self.model.stride = 1
         self.model.nx, self.model.ny, self.model.cell, self.model.mark_radius = NX, NY, CELL, MARK
         self.map: GroundMap = allocate_map(1, 2, self.model, MARK + max(BODY, MARK), "cpu")
         self.begin([], 0.0)
@@ -64,7 +65,13 @@ class Chart:
         return self.layer(1)
 
     def changes(self) -> np.ndarray:
-        return self.map.changes.numpy()[0, : self.map.change_count.numpy()[0]]
+        return changes_of(self.map)
+
+
+def changes_of(ground: GroundMap) -> np.ndarray:
+    """Layer, cell, old and new value (k, 4) of what was entered last into a team's map."""
+    cell, packed = ground.changes.numpy()[0, : ground.change_count.numpy()[0]].T
+    return np.stack([packed >> 16, cell, (packed >> 8 & 255) - 128, (packed & 255) - 128], axis=1)
 
 
 def centres() -> tuple[np.ndarray, np.ndarray]:

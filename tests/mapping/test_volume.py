@@ -9,6 +9,7 @@ import warp as wp
 from coop_envs.mapping import sweep
 from coop_envs.mapping.ground_map import GroundMap, MapModel, allocate_map, begin_map
 from coop_envs.mapping.volume import judge_changes, mark_point, sweep_ray
+from tests.mapping.chart import changes_of
 
 NX, NY, LEVELS, CELL, FLOOR, SWEEP = 40, 36, 6, 0.05, -0.075, 0.05
 CORNER = np.array([-0.5, -0.9])
@@ -29,6 +30,7 @@ class Room:
 
     def __init__(self, step: int = 0) -> None:
         m = self.model = MapModel()
+        m.stride = 1
         m.nx, m.ny, m.cell, m.mark_radius = NX, NY, CELL, 0.1
         m.levels, m.floor, m.clearance, m.step, m.sweep = LEVELS, FLOOR, 3, step, SWEEP
         self.map: GroundMap = allocate_map(1, 1, m, 0.2, "cpu", swept_cells=5000)
@@ -50,7 +52,7 @@ class Room:
         return self.map.log_odds.numpy()[0, 1].reshape(NX, NY).astype(int)
 
     def changes(self) -> np.ndarray:
-        return self.map.changes.numpy()[0, : self.map.change_count.numpy()[0]]
+        return changes_of(self.map)
 
 
 def middles() -> np.ndarray:
