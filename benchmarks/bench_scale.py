@@ -33,7 +33,7 @@ from coop_envs import exploration_v0
 from coop_envs.vector_env import ExplorationVectorEnv
 
 VMAS_TARGETS = {1: 20.0, 32: 5.0, 1024: 2.0, 8192: 2.0}
-FULL_TARGETS = {"rubble": 20_000.0, "building": 8_000.0}
+FULL_TARGETS = {"building": 20_000.0, "rubble": 8_000.0}
 SCAN = np.array([1, 0, 0, 0, 1.0, 0, -0.25, 1.0], dtype=np.float32)
 FLAT = {"kind": "flat", "size_m": [8.0, 8.0], "start": [0.0, 0.0, 0.0], "goal": [3.0, 3.0, 0.2]}
 MEMORY = """
@@ -128,7 +128,7 @@ def floor(pairs: int, teams: int = 1024) -> dict[str, float]:
 
 
 def full(pairs: int, teams: int = 1024) -> dict[str, float]:
-    """Team-decisions/s of three surveyors that scan: over a height field, and between meshes."""
+    """Team-decisions/s of three surveyors that scan: over a height field (building) and a mesh (rubble)."""
     found = {}
     for scenario in FULL_TARGETS:
         env = exploration_v0.vector_env(teams, scenario, team="surveyors")

@@ -73,6 +73,7 @@ class ExplorationVectorEnv(VectorEnv[TeamObservations, NDArray[np.float32], NDAr
         seed: int = 0,
         threads: int | None = None,
     ) -> None:
+        self._threads: ThreadPoolExecutor | None = None
         require(num_envs >= 1, "num_envs", num_envs, "1 or more")
         require(num_worlds is None or num_worlds > 0, "num_worlds", num_worlds, "1 or more")
         require(split in SPLITS, "split", split, "train or heldout")
@@ -166,6 +167,7 @@ class ExplorationVectorEnv(VectorEnv[TeamObservations, NDArray[np.float32], NDAr
 
     def _each_lane(self, work: Callable[[Lane], None]) -> None:
         """Do this for all lanes at the same time, the first in this thread."""
+        assert self._threads is not None
         others = [self._threads.submit(work, lane) for lane in self.lanes[1:]]
         work(self.lanes[0])
         for other in others:
@@ -236,7 +238,8 @@ class ExplorationVectorEnv(VectorEnv[TeamObservations, NDArray[np.float32], NDAr
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002  Gymnasium's signature
         """End the threads."""
-        self._threads.shutdown()
+        if self._threads is not None:
+            self._threads.shutdown()
 
 
 def _shares(teams: int, threads: int) -> list[slice]:

@@ -1,0 +1,82 @@
+"""Everything a training's future depends on: out of a learner and its teams into a checkpoint, and back."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import json
+import random
+from collections import deque
+from collections.abc import Mapping
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+import torch
+
+from coop_envs.actions import ACTION_NAMES
+from coop_envs.observations import MATE_FIELDS, SELF_FIELDS
+from coop_envs.scenario import Scenario
+from train.checkpoint import Checkpoint
+from train.ppo import TeamPPO
+from train.team_vec_env import TeamVecEnv
+from train.training_settings import TrainingSettings
+
+
+def identity(settings: TrainingSettings, scenario: Scenario) -> dict[str, Any]:
+    """What must be the same for a training to go on, in JSON's own types."""
+    tree = dataclasses.asdict(scenario)
+    found = {
+        "version": version("coop_envs"),
+        "actions": ACTION_NAMES,
+        "observations": {"self": [f.name for f in SELF_FIELDS], "mates": [f.name for f in MATE_FIELDS]},
+        "team": tree.pop("team"),
+        "network": dataclasses.asdict(settings.network),
+        "scenario": tree,
+        **{name: getattr(settings, name) for name in ("teams", "num_worlds", "repeat", "seed")},
+    }
+    return json.loads(json.dumps(found, default=str))
+
+
+def capture(model: TeamPPO, teams: TeamVecEnv, about: Mapping[str, Any], history: Mapping[str, Any]) -> Checkpoint:
+    """A copy of the present state, between two updates; ``history`` is kept with it."""
+    assert model.ep_info_buffer is not None
+    state = {
+        "teams": teams.get_state(),
+        "observations": model._last_obs,
+        "starts": model._last_episode_starts,
+        "rows": model.num_timesteps,
+        "updates": model._n_updates,
+        "episodes": list(model.ep_info_buffer),
+        "python_random": random.getstate(),
+        "numpy_random": np.random.get_state(),  # noqa: NPY002  the generator that SB3 draws from
+        "history": copy.deepcopy(dict(history)),
+    }
+    learner = {
+        "policy": model.policy.state_dict(),
+        "optimizer": model.policy.optimizer.state_dict(),
+        "random": torch.get_rng_state(),
+    }
+    return Checkpoint(dict(about), state, copy.deepcopy(learner))  # the teams' state and observations are copies
+
+
+def restore(model: TeamPPO, teams: TeamVecEnv, checkpoint: Checkpoint) -> dict[str, Any]:
+    """Bring learner and teams to the state of a checkpoint of the same `identity`; its history."""
+    state, learner = checkpoint.state, checkpoint.learner
+    teams.set_state(state["teams"])
+    restore_weights(model, learner)
+    model.num_timesteps, model._n_updates = state["rows"], state["updates"]
+    model._last_obs, model._last_episode_starts = state["observations"], state["starts"]
+    model.ep_info_buffer = deque(state["episodes"], maxlen=model._stats_window_size)
+    model.ep_success_buffer = deque(maxlen=model._stats_window_size)
+    kind, numbers, cached = state["python_random"]
+    random.setstate((kind, tuple(numbers), cached))
+    np.random.set_state(tuple(state["numpy_random"]))  # noqa: NPY002
+    torch.set_rng_state(learner["random"])
+    return state["history"]
+
+
+def restore_weights(model: TeamPPO, learner: Mapping[str, Any]) -> None:
+    """Weights, normaliser and optimiser alone."""
+    model.policy.load_state_dict(learner["policy"])
+    model.policy.optimizer.load_state_dict(learner["optimizer"])
