@@ -14,7 +14,7 @@ from coop_envs.scenario import load_scenario
 from coop_envs.validation import read_yaml
 
 ROOT = Path(__file__).parents[1]
-PAGES = ("README.md", "docs/worlds.md", "docs/robots.md", "docs/scanning.md", "docs/policies.md")
+PAGES = ("README.md", "docs/worlds.md", "docs/robots.md", "docs/scanning.md", "docs/policies.md", "docs/training.md")
 
 
 def blocks(page: str, language: str) -> list[str]:

@@ -22,6 +22,7 @@ from coop_envs.device import available_cpus
 from coop_envs.errors import require
 from coop_envs.policy import check_needs, load_policy
 from train.episode import EpisodeJob, Row, episode_name, identity, make_exploration, policy_label, run_episode
+from train.overrides import assignments
 from train.pool import Outcome, run_jobs
 from train.reporting import PICTURED, Pictures, installed, keep_picture, report, reportable
 from train.results import CRASHED, Document, add_row, new_document, summarise, to_json, write
@@ -38,13 +39,15 @@ class Options:
     """
 
     policy: tuple[str, ...]
-    """Policies by name, or .py files that define make_policy()."""
+    """Policies by name, folders of trainings, .onnx files, or .py files that define make_policy()."""
     scenario: str = "arena"
     """A scenario's name, or its YAML file."""
     world: Path | None = None
-    """A triangle mesh (.ply, .obj, .stl; metres, z up) in place of the scenario's world."""
+    """A triangle mesh (.ply, .obj, .stl; metres, z up) or height map (.png) in place of the scenario's world."""
     team: str | None = None
     """A team preset's name, or its YAML file; the scenario's own if not given."""
+    overrides: Overrides = ()
+    """Replaces one entry of the scenario, such as task.time_limit_s=100; may be given several times."""
     episodes: int = 10
     """Episodes for each policy (count)."""
     seed: int = 0
@@ -69,7 +72,8 @@ class Options:
         """Keywords for `exploration_v0.parallel_env`."""
         chosen = {"team": self.team, "world": self.world and str(self.world)}
         given = {name: value for name, value in chosen.items() if value is not None}
-        return {"scenario": self.scenario, "fidelity": self.fidelity, "physics": self.physics, **given}
+        named = {"scenario": self.scenario, "fidelity": self.fidelity, "physics": self.physics, **given}
+        return {**assignments(self.overrides), **named}
 
 
 def main(argv: Sequence[str]) -> int:

@@ -5,14 +5,13 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
-
-import tyro
+from typing import Any, Literal
 
 from coop_envs.errors import require
 from coop_envs.scenario import Scenario, load_scenario
-from coop_envs.validation import STRICT, read_yaml
+from coop_envs.validation import STRICT
 from policies.network_settings import NetworkSettings
+from train.overrides import assignments
 
 
 @dataclass(frozen=True)
@@ -72,9 +71,7 @@ class TrainingSettings:
     """A triangle mesh (.ply, .obj, .stl; metres, z up) or height map (.png) in place of the scenario's world."""
     team: str | None = None
     """A team preset's name, or its YAML file; the scenario's own if not given."""
-    overrides: Annotated[
-        tuple[str, ...], tyro.conf.arg(name="set", metavar="ENTRY=VALUE"), tyro.conf.UseAppendAction
-    ] = ()
+    overrides: Overrides = ()
     """Replaces one entry of the scenario, such as task.time_limit_s=100; may be given several times."""
     steps: int = 1_000_000
     """Length of the training (steps of teams, count), rounded up to whole updates of teams x ppo.rollout_steps."""
@@ -112,9 +109,7 @@ class TrainingSettings:
         for name in ("num_worlds", "threads"):
             require(getattr(self, name) is None or getattr(self, name) >= 1, name, getattr(self, name), "1 or more")
         require(self.reward_scale > 0, "reward_scale", self.reward_scale, "more than 0")
-        for entry in self.overrides:
-            name, sign, value = entry.partition("=")
-            require(bool(name and sign and value), "set", entry, "ENTRY=VALUE, such as task.time_limit_s=100")
+        assignments(self.overrides)
 
     def load_scenario(self) -> Scenario:
         """The scenario with world, team and overrides put in.
@@ -124,10 +119,7 @@ class TrainingSettings:
         """
         changes: dict[str, Any] = {"world": self.world and str(self.world), "team": self.team}
         given = {name: value for name, value in changes.items() if value is not None}
-        for entry in self.overrides:
-            name, _, value = entry.partition("=")
-            given[name] = read_yaml(f"value: {value}", f"set {name}")["value"]
-        return load_scenario(self.scenario, **given)
+        return load_scenario(self.scenario, **given, **assignments(self.overrides))
 
     def plain(self) -> dict[str, Any]:
         """As plain data, from which `validated` makes the same settings."""
