@@ -22,7 +22,7 @@ from coop_envs.device import available_cpus
 from coop_envs.errors import require
 from coop_envs.policy import check_needs, load_policy
 from train.episode import EpisodeJob, Row, episode_name, identity, make_exploration, policy_label, run_episode
-from train.overrides import assignments
+from train.overrides import Overrides, assignments
 from train.pool import Outcome, run_jobs
 from train.reporting import PICTURED, Pictures, installed, keep_picture, report, reportable
 from train.results import CRASHED, Document, add_row, new_document, summarise, to_json, write

@@ -11,7 +11,7 @@ from coop_envs.errors import require
 from coop_envs.scenario import Scenario, load_scenario
 from coop_envs.validation import STRICT
 from policies.network_settings import NetworkSettings
-from train.overrides import assignments
+from train.overrides import Overrides, assignments
 
 
 @dataclass(frozen=True)
