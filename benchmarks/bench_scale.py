@@ -197,14 +197,15 @@ def memory(scenarios: list[str]) -> dict[str, dict[str, float]]:
 
 
 def training(steps: int) -> dict[str, float]:
-    """Agent-steps/s of `coop train`, collecting and learning, by kind of network."""
+    """Agent-steps/s of `coop train`, collecting and learning, by kind of network; three robots, none lost."""
     found = {}
     for kind in ("mlp", "attention"):
         with tempfile.TemporaryDirectory() as folder:
-            command = [sys.executable, "-m", "coop_envs.cli", "train", "--scenario", "arena", "--team", "inchworm"]
-            command += ["--network.kind", kind, "--steps", str(steps), "--out", f"{folder}/run", "--json"]
+            command = ["coop", "train", "--scenario", "arena", "--team", "inchworm", "--repeat", "1", "--teams", "256"]
+            command += ["--network.kind", kind, "--steps", str(steps), "--evaluate-episodes", "0", "--json"]
+            command += ["--ppo.rollout-steps", "64", "--ppo.minibatch-rows", "4096", "--out", f"{folder}/run"]
             run = subprocess.run(command, capture_output=True, text=True, check=True)
-        found[kind] = float(json.loads(run.stdout)["agent_steps_per_s"])
+        found[kind] = 3.0 * float(json.loads(run.stdout)["steps_per_s"])
     return found
 
 

@@ -12,7 +12,7 @@ import sys
 import time
 
 import torch
-import vmas
+import vmas  # pyright: ignore[reportMissingImports]
 
 
 def main() -> None:

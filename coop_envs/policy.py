@@ -102,7 +102,7 @@ def load_policy(name_or_path: str) -> Policy:
     points = {point.name: point for point in entry_points(group=ENTRY_POINT_GROUP)}
     if name_or_path in points:
         return _checked(points[name_or_path].load()(), name_or_path)
-    kind = path.suffix.removeprefix(".") or TRAINED
+    kind = TRAINED if path.is_dir() else path.suffix.removeprefix(".")
     readers = {point.name: point for point in entry_points(group=FILE_ENTRY_POINT_GROUP)}
     if path.exists() and kind in readers:
         return _checked(readers[kind].load()(path), name_or_path)

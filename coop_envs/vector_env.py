@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+import zlib
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any, ClassVar
 
 import gymnasium as gym
@@ -31,6 +32,7 @@ from coop_envs.worlds.build import SPLITS, Split
 TeamObservations = dict[str, NDArray[Any]]
 
 PER_ROBOT = frozenset({"self", "mates", "mask", "map", "alive", "terminated", "truncated"})
+SEEDS = 2**62
 FEWEST = 8
 """Teams that are worth a thread."""
 
@@ -77,14 +79,15 @@ class ExplorationVectorEnv(VectorEnv[TeamObservations, NDArray[np.float32], NDAr
         require(num_envs >= 1, "num_envs", num_envs, "1 or more")
         require(num_worlds is None or num_worlds > 0, "num_worlds", num_worlds, "1 or more")
         require(split in SPLITS, "split", split, "train or heldout")
-        require(seed >= 0, "seed", seed, "0 or more")
+        require(0 <= seed < SEEDS, "seed", seed, f"0 up to {SEEDS}")
         require(threads is None or threads >= 1, "threads", threads, "1 or more")
-        self.scenario, self.num_envs = scenario, num_envs
+        self.scenario, self.num_envs, self._split = scenario, num_envs, split
         self.num_worlds = num_worlds or default_num_worlds(scenario)
         self._members = len(scenario.team.members)
         self._robots = max_robots or self._members
         require(self._robots >= self._members, "max_robots", max_robots, f"at least the team's {self._members}")
         self.single_observation_space = team_observation_space(self._robots)
+        self._boxes: dict[str, Any] = self.single_observation_space.spaces
         self.single_action_space = spaces.Box(-1.0, 1.0, (self._robots, ACTION_SIZE), np.float32)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -121,7 +124,7 @@ class ExplorationVectorEnv(VectorEnv[TeamObservations, NDArray[np.float32], NDAr
         chosen = np.ones(self.num_envs, dtype=bool) if mask is None else np.asarray(mask, dtype=bool)
         require(chosen.shape == (self.num_envs,), "mask", chosen.shape, f"shape ({self.num_envs},)")
         if seed is not None:
-            require(seed >= 0, "seed", seed, "0 or more")
+            require(0 <= seed < SEEDS, "seed", seed, f"0 up to {SEEDS}")
             self._begin_series(chosen, seed)
         self._each_lane(lambda lane: lane.reset(chosen[lane.rows]))
         views, out = self._read(), self._room_for_outcome()
@@ -169,7 +172,10 @@ class ExplorationVectorEnv(VectorEnv[TeamObservations, NDArray[np.float32], NDAr
         """Do this for all lanes at the same time, the first in this thread."""
         assert self._threads is not None
         others = [self._threads.submit(work, lane) for lane in self.lanes[1:]]
-        work(self.lanes[0])
+        try:
+            work(self.lanes[0])
+        finally:
+            wait(others)
         for other in others:
             other.result()
 
@@ -190,8 +196,8 @@ class ExplorationVectorEnv(VectorEnv[TeamObservations, NDArray[np.float32], NDAr
 
     def _room_for_outcome(self) -> dict[str, NDArray[Any]]:
         """Zeros for all that a step gives, N robots wide."""
-        lead, spaces_of = (self.num_envs, self._robots), self.single_observation_space
-        room = {name: np.zeros((self.num_envs, *box.shape), box.dtype) for name, box in spaces_of.items() if box.shape}
+        lead = self.num_envs, self._robots
+        room = {name: np.zeros((self.num_envs, *box.shape), box.dtype) for name, box in self._boxes.items()}
         room |= {name: np.zeros(lead, dtype=bool) for name in ("terminated", "truncated")}
         room |= {"reward": np.zeros(self.num_envs, np.float32), "done": np.zeros(self.num_envs, dtype=bool)}
         return room | {"reward_terms": np.zeros((self.num_envs, len(TERMS)), np.float32)}
@@ -202,7 +208,7 @@ class ExplorationVectorEnv(VectorEnv[TeamObservations, NDArray[np.float32], NDAr
             target[(rows, robots)[: target.ndim]][...] = views[name][rows]
 
     def _observations(self, out: dict[str, NDArray[Any]]) -> TeamObservations:
-        return {name: out[name] for name in self.single_observation_space}
+        return {name: out[name] for name in self._boxes}
 
     @property
     def reward_terms(self) -> tuple[str, ...]:
@@ -225,16 +231,25 @@ class ExplorationVectorEnv(VectorEnv[TeamObservations, NDArray[np.float32], NDAr
 
     def get_state(self) -> dict[str, Any]:
         """Everything that the teams' future depends on, by part and name, arrays over B teams."""
-        return joined([lane.snapshot() for lane in self.lanes])
+        return joined([lane.snapshot() for lane in self.lanes]) | {"origin": self._origin()}
 
-    def set_state(self, state: dict[str, Any]) -> None:
+    def set_state(self, state: Mapping[str, Mapping[str, NDArray[Any]]]) -> None:
         """Go back to what `get_state` gave, here or with another number of threads.
 
         Raises:
-            ConfigError: the state is of another batch.
+            ConfigError: the state is of another scenario, of other worlds, or of another number of teams.
         """
+        mine = self._origin()["fingerprint"]
+        same = np.array_equal(state.get("origin", {}).get("fingerprint", ()), mine)
+        expected = f"one of {self.num_envs} teams of the same scenario, split and worlds"
+        require(same, "state", "one of another environment", expected)
         for lane in self.lanes:
             lane.restore(rows_of(state, lane.rows))
+
+    def _origin(self) -> dict[str, NDArray[Any]]:
+        """What a state must have in common with this environment, as a number for each team."""
+        text = repr((self.scenario, self._split, self.num_worlds))
+        return {"fingerprint": np.full(self.num_envs, zlib.crc32(text.encode()), dtype=np.uint32)}
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002  Gymnasium's signature
         """End the threads."""

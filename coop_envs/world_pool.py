@@ -15,6 +15,8 @@ from coop_envs.estimation.estimator import Plan
 from coop_envs.geometry.keyed_random import mix, team_key
 from coop_envs.scenario import Environment, Scenario, environment_world
 from coop_envs.worlds.build import Split
+from coop_envs.worlds.height_map import HeightMapGeometry
+from coop_envs.worlds.mesh_file import MeshFileGeometry, file_version
 from coop_envs.worlds.solid import SolidColumns, solid_columns
 from coop_envs.worlds.truth import TruthGrid, truth_grid
 from coop_envs.worlds.world import World
@@ -51,8 +53,10 @@ class WorldPool:
 
 def open_pool(scenario: Scenario, split: Split, indices: Sequence[int]) -> WorldPool:
     """The worlds of the scenario with these indices."""
+    geometry = scenario.environment.geometry
+    version = file_version(geometry.path) if isinstance(geometry, MeshFileGeometry | HeightMapGeometry) else None
     asked = scenario.environment, scenario.team, scenario.map.cell_m, split
-    pairs = [_world_and_truth(*asked, index) for index in indices]
+    pairs = [_world_and_truth(*asked, index, version) for index in indices]
     worlds, truth = tuple(pair[0] for pair in pairs), tuple(pair[1] for pair in pairs)
     n = len(scenario.team.members)
     spots = [(list(world.starts) + [world.dock] * n)[:n] for world in worlds]
@@ -75,7 +79,12 @@ def open_pool(scenario: Scenario, split: Split, indices: Sequence[int]) -> World
 
 @functools.lru_cache(maxsize=512)
 def _world_and_truth(
-    environment: Environment, team: Team, cell_m: float, split: Split, index: int
+    environment: Environment,
+    team: Team,
+    cell_m: float,
+    split: Split,
+    index: int,
+    version: tuple[int, int] | None,  # noqa: ARG001  another version of the world's file is another world
 ) -> tuple[World, TruthGrid]:
     """Kept, for worlds outlive scenarios: to change how robots sense or what they earn changes no world."""
     world = environment_world(environment, team, split, index)

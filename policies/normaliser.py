@@ -54,12 +54,9 @@ class Normaliser(nn.Module):
         self.mate_moments = RunningMoments(mate_entries)
 
     @torch.no_grad()
-    def update(self, observations: dict[str, Tensor], rows_mask: Tensor | None = None) -> None:
-        """Take in those rows (n,) of which ``rows_mask`` is true, and the mates in them of which ``mask`` is set."""
+    def update(self, observations: dict[str, Tensor]) -> None:
+        """Take in rows (n, ...), and the mates in them of which ``mask`` is set."""
         own, mates, seen = (observations[key] for key in ("self", "mates", "mask"))
-        if rows_mask is not None:
-            rows = rows_mask.bool()
-            own, mates, seen = own[rows], mates[rows], seen[rows]
         self.self_moments.update(own)
         self.mate_moments.update(mates[seen > 0])
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coop_envs.actions import ACTION_SIZE
+from coop_envs.actions import ACTION_SIZE, hold_action
 from coop_envs.errors import ConfigError, CoopError, require
-from coop_envs.observations import MAP_LAYERS, MATE_SIZE, MATES, SELF_SIZE, WINDOW
+from coop_envs.observations import MAP_LAYERS, MATE_SIZE, MATES, SELF_FIELDS, SELF_SIZE, WINDOW
 from coop_envs.policy import Actions, Observations, TeamDescription, check_needs
 from policies.description import PolicyDescription, description_in
 
@@ -21,6 +21,9 @@ INPUTS = {
 }
 OUTPUTS = {"action": (ACTION_SIZE,), "hold_probability": (), "mean": (ACTION_SIZE - 1,)}
 STD = "std"
+
+
+DOCKED = next(k for k, field in enumerate(SELF_FIELDS) if field.name == "docked")
 
 
 class OnnxPolicy:
@@ -81,12 +84,14 @@ class OnnxPolicy:
         return self._session.run(outputs or [*OUTPUTS, STD], {key: rows[key] for key in INPUTS})
 
     def _decide(self, observations: Observations) -> NDArray[np.float32]:
-        """Actions (n, 8)."""
+        """Actions (n, 8); robots in the dock hold, as in training: one that is let out between decisions stands."""
         rows = {key: np.stack([observation[key] for observation in observations.values()]) for key in INPUTS}
-        if not self.description.stochastic:
-            return self.answers(rows, ["action"])[0]
-        hold, mean, std = self.answers(rows, ["hold_probability", "mean", STD])
-        return self._draw(list(observations), hold, mean, std)
+        if self.description.stochastic:
+            hold, mean, std = self.answers(rows, ["hold_probability", "mean", STD])
+            actions = self._draw(list(observations), hold, mean, std)
+        else:
+            actions = self.answers(rows, ["action"])[0]
+        return rest_in_dock(actions, rows["self"])
 
     def _draw(
         self, names: list[str], hold: NDArray[np.float32], mean: NDArray[np.float32], std: NDArray[np.float32]
@@ -95,10 +100,24 @@ class OnnxPolicy:
         places = [self._place[name] for name in names]
         chance = self._rng.random(len(self._place), dtype=np.float32)[places]
         noise = self._rng.standard_normal((len(self._place), len(std)), dtype=np.float32)[places]
-        actions = np.empty((len(names), ACTION_SIZE), dtype=np.float32)
-        actions[:, 0] = np.where(chance < hold, 1.0, -1.0)
-        actions[:, 1:] = np.clip(mean + std * noise, -1.0, 1.0)
-        return actions
+        return drawn(hold, mean, std, chance, noise)
+
+
+def drawn(
+    hold: NDArray[np.float32],
+    mean: NDArray[np.float32],
+    std: NDArray[np.float32],
+    chance: NDArray[np.float32],
+    noise: NDArray[np.float32],
+) -> NDArray[np.float32]:
+    """Actions (n, 8) from what the model answers, uniform ``chance`` (n,) and standard normal ``noise`` (n, 7)."""
+    holds = np.where(chance < hold, np.float32(1.0), np.float32(-1.0))
+    return np.column_stack([holds, np.clip(mean + std * noise, -1.0, 1.0)]).astype(np.float32)
+
+
+def rest_in_dock(actions: NDArray[np.float32], own: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The actions (n, 8) with a hold for robots in the dock, by their ``self`` (n, 29)."""
+    return np.where(own[:, DOCKED, None] > 0, hold_action(), actions)
 
 
 def _open(model: bytes, source: str) -> Any:

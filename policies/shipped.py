@@ -27,3 +27,13 @@ def shipped(name: str) -> OnnxPolicy:
     """
     file = TRAINED / known(name, shipped_names(), "policy", "a shipped policy") / FILE_NAME
     return OnnxPolicy(file.read_bytes(), f"{name}/{FILE_NAME}")
+
+
+def learned_scouts() -> OnnxPolicy:
+    """One Zumy and its VelociRoACHs, trained in random arenas."""
+    return shipped("learned_scouts")
+
+
+def learned_surveyors() -> OnnxPolicy:
+    """Three surveyors that scan, trained in rubble."""
+    return shipped("learned_surveyors")

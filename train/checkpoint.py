@@ -12,6 +12,7 @@ import os
 import re
 import zipfile
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,15 +32,21 @@ COMPRESSION_LEVEL = 1  # maps are mostly empty
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """``about`` and ``state`` are plain trees; ``state`` may hold arrays. ``learner`` holds tensors in dicts."""
+    """``about`` and ``state`` are plain trees; ``state`` may hold arrays. ``learner`` holds tensors in dicts.
+
+    ``path`` is the file it was read from.
+    """
 
     about: dict[str, Any]
     state: dict[str, Any]
     learner: dict[str, Any]
+    path: Path | None = None
 
 
-def write_checkpoint(folder: Path, steps: int, checkpoint: Checkpoint) -> Path:
+def write_checkpoint(folder: Path, steps: int, checkpoint: Checkpoint, good: Path | None = None) -> Path:
     """Write the checkpoint of so many steps, then let go of all but the newest `KEPT`.
+
+    ``good`` is the checkpoint to name if that fails. Whatever interrupts the writing, no unfinished file stays.
 
     Raises:
         TrainingError: it cannot be written; those before are untouched.
@@ -55,22 +62,23 @@ def write_checkpoint(folder: Path, steps: int, checkpoint: Checkpoint) -> Path:
         part.replace(path)
         _sync(folder)
     except OSError as error:
-        part.unlink(missing_ok=True)
-        raise TrainingError(cannot_write(path, error, folder)) from error
+        raise TrainingError(cannot_write(path, error, good)) from error
+    finally:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
     for old in checkpoints(folder)[:-KEPT]:
         old.unlink(missing_ok=True)
     return path
 
 
-def cannot_write(path: Path, error: OSError, folder: Path) -> str:
-    """What failed, why, and from which checkpoint of the folder training can go on."""
-    return f"{path}: got '{error.strerror or error}', expected to write it; {last_good(folder)}"
+def cannot_write(path: Path, error: OSError, good: Path | None) -> str:
+    """What failed, why, and from which checkpoint training can go on."""
+    return f"{path}: got '{error.strerror or error}', expected to write it; {last_good(good)}"
 
 
-def last_good(folder: Path) -> str:
-    """Which checkpoint there is to go on from, in words."""
-    there = checkpoints(folder)
-    return f"the last good checkpoint is {there[-1]}" if there else "there is no checkpoint"
+def last_good(good: Path | None) -> str:
+    """The checkpoint that this run read or wrote last, in words."""
+    return f"the last good checkpoint is {good}" if good else "there is no checkpoint"
 
 
 def checkpoints(folder: Path) -> list[Path]:
@@ -81,17 +89,26 @@ def checkpoints(folder: Path) -> list[Path]:
 def newest_checkpoint(folder: Path, warn: Any) -> tuple[Path, Checkpoint]:
     """The newest checkpoint that can be read; ``warn`` is told, in a line each, of those that cannot.
 
+    Those passed over are renamed to ``.damaged``, so that they do not count among the `KEPT`.
+
     Raises:
         ConfigError: there is none, or it is of another format.
     """
+    damaged: list[Path] = []
     for path in reversed(checkpoints(folder)):
         try:
-            return path, read_checkpoint(path)
+            checkpoint = read_checkpoint(path)
         except ConfigError:
             raise
         except Exception as error:  # noqa: BLE001  a damaged file makes its readers raise anything
             why = (str(error).splitlines() or [type(error).__name__])[0][:80]
             warn(f"{path.name} is damaged ({why}): passing over it to the one before")
+            damaged.append(path)
+            continue
+        for other in damaged:
+            with suppress(OSError):  # a folder that cannot be written is told of by who writes there
+                other.rename(other.with_suffix(".damaged"))
+        return path, checkpoint
     raise ConfigError("resume", str(folder), "a folder with a checkpoint that can be read")
 
 
@@ -108,8 +125,8 @@ def read_checkpoint(path: Path) -> Checkpoint:
         arrays = [name for name in archive.namelist() if name.startswith("arrays/")]
         found = {name: np.lib.format.read_array(io.BytesIO(archive.read(name)), allow_pickle=False) for name in arrays}
         state = _unpacked(json.loads(archive.read("state.json")), found)
-        learner = torch.load(io.BytesIO(archive.read("learner.pt")), weights_only=True)
-    return Checkpoint(about, state, learner)
+        learner = torch.load(io.BytesIO(archive.read("learner.pt")), map_location="cpu", weights_only=True)
+    return Checkpoint(about, state, learner, path)
 
 
 def check_same(about: Mapping[str, Any], expected: Mapping[str, Any]) -> None:

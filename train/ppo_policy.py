@@ -9,6 +9,7 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.type_aliases import Schedule
 from torch import Tensor
 
+from coop_envs.agents.control import HOLD
 from policies.distribution import TeamActionDistribution
 from policies.networks import NetworkSettings, TeamActorCritic
 from train.team_vec_env import DOCKED
@@ -31,14 +32,16 @@ class TeamPolicy(ActorCriticPolicy):
     def forward(self, obs: Rows, deterministic: bool = False) -> tuple[Tensor, Tensor, Tensor]:
         """Actions (rows, 8), not clipped, values (rows,) and log-densities (rows,).
 
-        Rows that do not count are not computed: they get zeros.
+        Rows that do not count are not computed: they hold, their numbers are zeros.
         """
         counting, part = _counting(obs)
         heads, values = self.network.heads_and_value(part)
         distribution = TeamActionDistribution(heads, part["action_mask"])
         actions = distribution.mode() if deterministic else distribution.sample()
         log_probs = distribution.log_prob(actions)
-        return _spread(actions, counting), _spread(values, counting), _spread(log_probs, counting)
+        everybody = _spread(actions, counting)
+        everybody[~counting, HOLD] = 1.0
+        return everybody, _spread(values, counting), _spread(log_probs, counting)
 
     def evaluate_actions(self, obs: Rows, actions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Values, log-densities of the actions, and entropies, (rows,) each.

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 from ray.rllib.env.multi_agent_env import MultiAgentEnv
 
+from coop_envs.geometry.keyed_random import team_key
 from coop_envs.observations import MAP_LAYERS, MATE_SIZE, MATES, SELF_SIZE, WINDOW, self_field
 from coop_envs.scenario import Scenario
 
@@ -48,13 +49,13 @@ class RllibTeam(MultiAgentEnv):
     """The team of a PettingZoo environment whose robots share one reward.
 
     ``agents`` are those who are asked for an action next: with ``posthumous`` everybody until the team ends, else the
-    living.
+    living. Teams of different ``place`` have different episodes though they are given the same seed.
     """
 
     metadata: dict[str, Any] = {}  # noqa: RUF012  RLlib writes into it, and wants it on the class
 
-    def __init__(self, env: ParallelEnv[str, Observation, Any], *, posthumous: bool = True) -> None:
-        self.env, self.posthumous = env, posthumous
+    def __init__(self, env: ParallelEnv[str, Observation, Any], *, posthumous: bool = True, place: int = 0) -> None:
+        self.env, self.posthumous, self.place = env, posthumous, place
         self.names = list(env.possible_agents)
         self.possible_agents, self.agents = [*self.names], []
         box = spaces.Box(-LIMIT, LIMIT, (FLAT_SIZE,), np.float32)
@@ -67,7 +68,8 @@ class RllibTeam(MultiAgentEnv):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Flat], dict[str, dict[str, Any]]]:
         """Start an episode; without a seed the next one of the present series."""
-        observations, infos = self.env.reset(seed=seed, options=options)
+        own_seed = None if seed is None else team_key(seed, self.place) % 2**62
+        observations, infos = self.env.reset(seed=own_seed, options=options)
         self.agents = list(self.env.agents)
         return self._seen(observations, set()), infos
 
@@ -111,9 +113,14 @@ def _at_work(observation: Observation) -> bool:
 
 
 def make_team(config: Mapping[str, Any]) -> RllibTeam:
-    """What RLlib's ``env_config`` describes: ``scenario`` and, if not true, ``posthumous``."""
+    """What RLlib's ``env_config`` describes: ``scenario`` and, if not true, ``posthumous``; ``seed`` of the training.
+
+    RLlib seeds a runner's team with the training's seed + the runner's number + the team's number there, which several
+    teams have in common; seed and runner are told apart here.
+    """
     from coop_envs import exploration_v0
 
     scenario: Scenario = config["scenario"]
     env = exploration_v0.parallel_env(scenario, fidelity=scenario.fidelity, num_worlds=config.get("num_worlds"))
-    return RllibTeam(env, posthumous=config.get("posthumous", True))
+    place = team_key(config.get("seed", 0), getattr(config, "worker_index", 0))
+    return RllibTeam(env, posthumous=config.get("posthumous", True), place=place)

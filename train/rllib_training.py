@@ -110,7 +110,7 @@ def train_with_rllib(
     ``watch`` is called after every iteration.
     """
     agents = tuple(member.name for member in scenario.team.members)
-    config = ppo_config(settings, make_team, {"scenario": scenario}, agents)
+    config = ppo_config(settings, make_team, {"scenario": scenario, "seed": settings.seed}, agents)
     with cluster(settings.env_runners + 1), algorithm(config) as ppo:
         course = []
         for number in range(iterations):

@@ -147,6 +147,8 @@ class TeamVecEnv(VecEnv):
             ended |= terminated & going[:, None]
             late |= truncated & going[:, None]
             self._alive = np.where(going[:, None], now["alive"] != 0, self._alive)
+            others = self._alive.any(axis=1) | truncated.any(axis=1)
+            self._lost += (terminated & (going & others)[:, None]).sum(axis=1)
             ends = going & ~self._alive.any(axis=1)
             if ends.any():
                 over |= ends
@@ -154,7 +156,6 @@ class TeamVecEnv(VecEnv):
             if over.all():
                 break
         self._return += reward
-        self._lost += (ended & ~over[:, None]).sum(axis=1)
         return reward, ended, late, over, now, final
 
     def _check(self, reward: NDArray[Any]) -> None:
@@ -180,7 +181,11 @@ class TeamVecEnv(VecEnv):
         return infos
 
     def _tell(self, infos: list[dict[str, Any]], over: NDArray[Any]) -> None:
-        """Put the figures of the episodes that are over into the infos of their teams' first rows."""
+        """Put the figures of the episodes that are over into the infos of their teams' first rows.
+
+        ``robots_lost`` counts robots that terminated while mates went on, or were stopped by the time limit. Where all
+        that are left terminate in one decision, their flags do not tell success from loss: they are not counted.
+        """
         names, elapsed = self.teams.reward_terms, time.monotonic() - self._started_at
         for b in np.flatnonzero(over).tolist():
             figures = {"r": float(self._return[b]), "l": int(self._length[b]), "t": elapsed}

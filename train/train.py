@@ -136,7 +136,7 @@ def _base(argv: Sequence[str], console: Console) -> tuple[TrainingSettings, Any]
         require(path.is_file(), "config", str(path), "a YAML file that exists")
         file = read_yaml(path.read_text(encoding="utf-8"), str(path))
     scenario = given.scenario or file.get("scenario") or TrainingSettings().scenario
-    fits = scenario in preset_names() and not (given.resume or given.world)
+    fits = scenario in preset_names() and not (given.resume or given.world or file.get("world"))
     chosen = given.preset or (scenario if fits else None)
     for layer in (preset(chosen) if chosen else {}, file):
         tree = _over(tree, layer)

@@ -84,12 +84,13 @@ class Training:
         self._held_out = make_held_out(settings, self.scenario, threads)
         self._about = {**expected, "settings": settings.plain(), "command": command}
         self.document = progress.new_document(command, settings.plain())
-        self._fresh = checkpoint is None
+        self._fresh, self._evaluated_at = checkpoint is None, 0
         if checkpoint is not None:
             self._recall(restore(self.model, self.teams, checkpoint))
         self._before_s, self._started_at = self.document["wall_s"], time.monotonic()
         self._written_at = float("-inf")
         self._good: Checkpoint | None = checkpoint
+        self._good_file = checkpoint.path if checkpoint is not None else None
 
     @property
     def steps(self) -> int:
@@ -122,11 +123,11 @@ class Training:
     def _what_failed(self, error: CoopError | OSError) -> str:
         """One line on an error; unless it was in writing, the last good state is written first."""
         if isinstance(error, OSError):
-            return cannot_write(Path(str(error.filename or self.settings.out)), error, self.folder)
+            return cannot_write(Path(str(error.filename or self.settings.out)), error, self._good_file)
         if isinstance(error.__cause__, OSError):
             return str(error)
         self._keep()
-        return f"step {self.steps}: {error}; {last_good(self.folder)}"
+        return f"step {self.steps}: {error}; {last_good(self._good_file)}"
 
     def _prepare_folder(self) -> None:
         self.settings.out.mkdir(parents=True, exist_ok=True)
@@ -141,6 +142,9 @@ class Training:
         if left <= 0:
             return "complete"
         try:
+            if self._evaluation_is_due():  # the one that the part before was interrupted in
+                self._evaluate()
+                self.model.logger.dump(self.steps)
             self.model.learn(left, Updates(self), log_interval=None, reset_num_timesteps=self._fresh)  # pyright: ignore[reportArgumentType]
         except KeyboardInterrupt:
             return "interrupted"
@@ -153,16 +157,20 @@ class Training:
 
     def after_update(self, rollout: Mapping[str, Any]) -> None:
         """Note an update's figures, evaluate if it is time, and write a checkpoint if it is time."""
-        before, self.document["steps"] = self.document["steps"], self.steps
+        self.document["steps"] = self.steps
         progress.add_row(self.document, self._row(rollout))
         self.note_state()
-        every = self.settings.evaluate_every
-        if every and self.steps // every > before // every:
+        if self._evaluation_is_due():
             self._evaluate()
             self.note_state()
         self.model.logger.dump(self.steps)
         if time.monotonic() - self._written_at >= CHECKPOINT_PERIOD_S:
             self._keep()
+
+    def _evaluation_is_due(self) -> bool:
+        """Whether a multiple of ``evaluate_every`` lies behind the last evaluation that was carried through."""
+        every = self.settings.evaluate_every
+        return every > 0 and self.steps // every > self._evaluated_at // every
 
     def _row(self, rollout: Mapping[str, Any]) -> dict[str, Any]:
         """The figures of the last rollout and update, which go to tensorboard too."""
@@ -190,6 +198,7 @@ class Training:
                 self.document["held_out"].append({"steps": self.steps, "wall_s": self.document["wall_s"], **figures})
                 for name, value in figures.items():
                     self.model.logger.record(f"held_out/{name}", value)
+        self._evaluated_at = self.steps
         self.document["evaluation_s"] += time.monotonic() - began
         progress.write(self.document, self.settings.out / "progress.json")
 
@@ -212,13 +221,14 @@ class Training:
         if self._good is None:
             return
         steps = self._good.state["rows"] // self.robots
-        write_checkpoint(self.folder, steps, self._good)
+        self._good_file = write_checkpoint(self.folder, steps, self._good, self._good_file)
         progress.write(self.document, self.settings.out / "progress.json")
         self._written_at = time.monotonic()
 
     def _recall(self, history: Mapping[str, Any]) -> None:
         """Go back to what was known at a checkpoint."""
         self.document |= {name: history[name] for name in REMEMBERED}
+        self._evaluated_at = max((row["steps"] for row in self.document["held_out"]), default=0)
 
     def _finish(self, status: str) -> None:
         """Write what the last good state amounts to: of an interrupted training, what came after it is dropped."""

@@ -12,7 +12,7 @@ from coop_envs.metrics import episode_metrics
 from coop_envs.scenario import Scenario
 from coop_envs.vector_env import ExplorationVectorEnv
 from coop_envs.world_pool import default_num_worlds
-from policies.onnx_policy import OnnxPolicy
+from policies.onnx_policy import OnnxPolicy, drawn, rest_in_dock
 
 SEED = 0
 """Of the first episode, in every evaluation of every training: they are all comparable."""
@@ -63,11 +63,10 @@ def actions_of(policy: OnnxPolicy, rows: int) -> Act:
     def act(observations: dict[str, NDArray[Any]]) -> NDArray[np.float32]:
         seen = {name: observations[name] for name in ("self", "mates", "mask", "map")}
         action, hold, mean, std = policy.answers(seen)
-        if not policy.description.stochastic:
-            return action
-        drawn = np.clip(mean + std * rng.standard_normal(mean.shape, dtype=np.float32), -1.0, 1.0)
-        holds = np.where(rng.random(rows) < hold, np.float32(1.0), np.float32(-1.0))
-        return np.column_stack([holds, drawn]).astype(np.float32)
+        if policy.description.stochastic:
+            chance = rng.random(rows, dtype=np.float32)
+            action = drawn(hold, mean, std, chance, rng.standard_normal(mean.shape, dtype=np.float32))
+        return rest_in_dock(action, seen["self"])
 
     return act
 

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import hashlib
 import json
 import random
 from collections import deque
 from collections.abc import Mapping
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 
 from coop_envs.actions import ACTION_NAMES
+from coop_envs.errors import require
 from coop_envs.observations import MATE_FIELDS, SELF_FIELDS
 from coop_envs.scenario import Scenario
 from train.checkpoint import Checkpoint
@@ -24,7 +27,11 @@ from train.training_settings import TrainingSettings
 
 
 def identity(settings: TrainingSettings, scenario: Scenario) -> dict[str, Any]:
-    """What must be the same for a training to go on, in JSON's own types."""
+    """What must be the same for a training to go on, in JSON's own types.
+
+    Raises:
+        ConfigError: the world's file is missing.
+    """
     tree = dataclasses.asdict(scenario)
     found = {
         "version": version("coop_envs"),
@@ -33,7 +40,8 @@ def identity(settings: TrainingSettings, scenario: Scenario) -> dict[str, Any]:
         "team": tree.pop("team"),
         "network": dataclasses.asdict(settings.network),
         "scenario": tree,
-        **{name: getattr(settings, name) for name in ("teams", "num_worlds", "repeat", "seed")},
+        **{name: getattr(settings, name) for name in ("teams", "num_worlds", "repeat", "seed", "reward_scale")},
+        "world_sha256": _world_sha256(scenario),
     }
     return json.loads(json.dumps(found, default=str))
 
@@ -57,6 +65,8 @@ def capture(model: TeamPPO, teams: TeamVecEnv, about: Mapping[str, Any], history
         "optimizer": model.policy.optimizer.state_dict(),
         "random": torch.get_rng_state(),
     }
+    if model.device.type == "cuda":
+        learner["cuda_random"] = torch.cuda.get_rng_state_all()
     return Checkpoint(dict(about), state, copy.deepcopy(learner))  # the teams' state and observations are copies
 
 
@@ -73,6 +83,8 @@ def restore(model: TeamPPO, teams: TeamVecEnv, checkpoint: Checkpoint) -> dict[s
     random.setstate((kind, tuple(numbers), cached))
     np.random.set_state(tuple(state["numpy_random"]))  # noqa: NPY002
     torch.set_rng_state(learner["random"])
+    if model.device.type == "cuda" and "cuda_random" in learner:
+        torch.cuda.set_rng_state_all(learner["cuda_random"][: torch.cuda.device_count()])
     return state["history"]
 
 
@@ -80,3 +92,12 @@ def restore_weights(model: TeamPPO, learner: Mapping[str, Any]) -> None:
     """Weights, normaliser and optimiser alone."""
     model.policy.load_state_dict(learner["policy"])
     model.policy.optimizer.load_state_dict(learner["optimizer"])
+
+
+def _world_sha256(scenario: Scenario) -> str | None:
+    """Of the contents of the file that the world is made from; None if there is none."""
+    path = getattr(scenario.environment.geometry, "path", None)
+    if path is None:
+        return None
+    require(Path(path).is_file(), "environment.geometry.path", path, "a file that exists")
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()

@@ -87,3 +87,23 @@ def test_few_teams_get_one_thread() -> None:
     assert len(exploration_v0.vector_env(8, "arena", team="inchworm", threads=4).lanes) == 1
     with pytest.raises(ConfigError, match="threads: got 0"):
         exploration_v0.vector_env(8, "arena", threads=0)
+
+
+def test_states_of_others_are_refused() -> None:
+    env = teams_of(2)
+    env.reset(seed=0)
+    state = env.get_state()
+    others = [
+        exploration_v0.vector_env(
+            TEAMS, "random_arena", team="inchworm", **{"task.time_limit_s": 4.0, "num_worlds": 1}
+        ),
+        exploration_v0.vector_env(8, "random_arena", team="inchworm", **{"task.time_limit_s": 4.0, "num_worlds": 3}),
+        exploration_v0.vector_env(TEAMS, "random_arena", team="inchworm", **{"num_worlds": 3}),
+    ]
+    for other in others:
+        with pytest.raises(ConfigError, match="state: got"):
+            other.set_state(state)
+    with pytest.raises(ConfigError, match="state: got"):
+        env.set_state({name: part for name, part in state.items() if name != "origin"})
+    with pytest.raises(ConfigError, match="seed: got"):
+        env.reset(seed=2**64)

@@ -21,6 +21,7 @@ from coop_envs.scenario import load_scenario
 from policies.description import METADATA_KEY, PolicyDescription, describe_policy
 from policies.export import export
 from policies.networks import NetworkSettings, TeamActorCritic
+from policies.onnx_policy import DOCKED
 
 DECISION_S, CELL_M = 0.2, 0.05
 
@@ -30,6 +31,7 @@ def rows(count: int, seed: int = 0) -> dict[str, NDArray[Any]]:
     rng = np.random.default_rng(seed)
     own = rng.normal(size=(count, SELF_SIZE)).astype(np.float32)
     own[:, 0], own[:, 1] = np.arange(count) % 2 == 0, np.arange(count) % 2 == 1
+    own[:, DOCKED] = 0.0
     yaw = rng.uniform(-np.pi, np.pi, count)
     own[:, 5], own[:, 6] = np.cos(yaw), np.sin(yaw)
     return {

@@ -34,23 +34,19 @@ def test_an_entry_that_never_varied_is_not_blown_up():
     torch.testing.assert_close(moments(torch.tensor([[0.5], [0.6]])), torch.tensor([[0.0], [1.0]]))
 
 
-def test_rows_left_out_and_absent_mates_do_not_enter():
+def test_absent_mates_do_not_enter():
     observed = rows(40)
-    chosen = np.arange(40) % 3 != 0
-    seen = (observed["mask"] > 0) & chosen[:, None]
-    clean, dirty = Normaliser(29, 16), Normaliser(29, 16)
-    clean.update(tensors({key: array[chosen] for key, array in observed.items()}))
-    observed["self"][~chosen] = np.nan
+    seen = observed["mask"] > 0
+    expected = observed["mates"][seen].mean(0)
     observed["mates"][~seen] = np.nan
-    dirty.update(tensors(observed), torch.from_numpy(chosen))
-    for key, value in clean.state_dict().items():
-        assert torch.equal(value, dirty.state_dict()[key]), key
-    np.testing.assert_allclose(dirty.mate_moments.mean, observed["mates"][seen].mean(0), atol=1e-5)
+    normaliser = Normaliser(29, 16)
+    normaliser.update(tensors(observed))
+    np.testing.assert_allclose(normaliser.mate_moments.mean, expected, atol=1e-5)
+    np.testing.assert_allclose(normaliser.self_moments.mean, observed["self"].mean(0), atol=1e-5)
 
 
 def test_an_update_with_nobody_changes_nothing():
     normaliser, observed = Normaliser(29, 16), rows(5)
-    observed["mask"][:] = 0
-    normaliser.update(tensors(observed), torch.zeros(5, dtype=torch.bool))
+    normaliser.update(tensors({key: array[:0] for key, array in observed.items()}))
     assert torch.equal(normaliser.self_moments.variance, torch.ones(29))
     assert torch.equal(normaliser.mate_moments.variance, torch.ones(16))

@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from coop_envs.actions import hold_action
 from coop_envs.errors import CoopError
 from coop_envs.policy import Actions
-from policies.onnx_policy import OnnxPolicy
+from policies.onnx_policy import DOCKED, OnnxPolicy
 from tests.policies.builders import model, model_with, observed, rows, team
 
 ROOT = Path(__file__).parents[2]
@@ -80,6 +81,17 @@ def test_without_chance_the_action_is_the_likeliest():
     actions = policy.act(observed(names, 5))
     likeliest = policy.answers(rows(len(names), 5))[0]
     np.testing.assert_allclose(np.stack(list(actions.values())), likeliest, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("stochastic", [True, False])
+def test_robots_in_the_dock_hold(stochastic):
+    """Else one that is let out while an action is held would drive by an answer that nobody trained."""
+    names = team().names
+    policy = OnnxPolicy(model_with(stochastic=stochastic), "file")
+    policy.reset(team(), seed=0)
+    seen = observed(names, 5)
+    seen[names[-1]]["self"][DOCKED] = 1.0
+    assert np.array_equal(policy.act(seen)[names[-1]], hold_action())
 
 
 def test_draws_follow_the_answers():

@@ -73,6 +73,8 @@ def test_a_part_of_a_file_falls_back(share, tmp_path):
     assert newest_checkpoint(tmp_path, told.append)[1].about["k"] == 1
     assert len(told) == 1
     assert newest.name in told[0]
+    assert not newest.exists()
+    assert newest.with_suffix(".damaged").exists()
 
 
 def test_any_flipped_byte_is_noticed_or_harmless(tmp_path):
@@ -113,6 +115,8 @@ def test_a_full_disk_leaves_what_was_there(tmp_path, monkeypatch):
 
     monkeypatch.setattr(zipfile.ZipFile, "writestr", full)
     with pytest.raises(TrainingError, match=r"No space left on device.*the last good checkpoint is .*000001\.zip"):
+        write_checkpoint(tmp_path, 2, sample(2), good)
+    with pytest.raises(TrainingError, match="there is no checkpoint"):  # none of this run's
         write_checkpoint(tmp_path, 2, sample(2))
     monkeypatch.undo()
     assert list(tmp_path.iterdir()) == [good]
@@ -124,7 +128,25 @@ def test_a_crash_while_writing_leaves_no_checkpoint(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "_write", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
     with pytest.raises(KeyboardInterrupt):
         write_checkpoint(tmp_path, 2, sample())
-    assert checkpoints(tmp_path) == []
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_damaged_file_takes_no_place_of_those_kept(tmp_path):
+    for k in (1, 2, 30):
+        path = write_checkpoint(tmp_path, k, sample(k))
+    path.write_bytes(b"nothing")
+    read, found = newest_checkpoint(tmp_path, quiet)
+    assert found.path == read
+    for k in (3, 4):
+        write_checkpoint(tmp_path, k, sample(k))
+    assert [path.name for path in checkpoints(tmp_path)] == [module.NAME.format(k) for k in (3, 4)]
+
+
+def test_tensors_of_a_device_are_read_to_the_cpu(tmp_path, monkeypatch):
+    load, places = torch.load, []
+    monkeypatch.setattr(torch, "load", lambda *a, **k: places.append(k["map_location"]) or load(*a, **k))
+    read_checkpoint(write_checkpoint(tmp_path, 1, sample()))
+    assert places == ["cpu"]
 
 
 def test_the_first_difference_is_named():

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
 import pytest
 from ray.rllib.connectors.learner import AddOneTsToEpisodesAndTruncate
 from ray.rllib.core.columns import Columns
+from ray.rllib.env.env_context import EnvContext
 from ray.rllib.env.multi_agent_episode import MultiAgentEpisode
 from ray.rllib.utils.postprocessing.value_predictions import compute_value_targets
 
@@ -175,6 +177,18 @@ def test_a_real_team_plays_through_losses_to_its_end() -> None:
         assert all(env.observation_spaces[name].contains(row) for name, row in seen.items())
     assert ends["__all__"] != cuts["__all__"]
     env.close()
+
+
+def test_no_two_teams_of_a_training_or_of_two_have_the_same_episodes() -> None:
+    scenario, seeds = load_scenario("arena", team="inchworm", fidelity="poses"), set()
+    for training, runner in itertools.product((0, 1), (1, 2)):
+        made = EnvContext({"scenario": scenario, "num_worlds": 1, "seed": training}, worker_index=runner)
+        env = make_team(made)
+        for team in (0, 1):
+            env.reset(seed=training + runner + team)  # as RLlib seeds it
+            seeds.add(env.env.get_state()["seed"])  # type: ignore[attr-defined]
+        env.close()
+    assert len(seeds) == 8
 
 
 def test_the_flat_observation_keeps_every_entry_and_the_means_of_the_map() -> None:

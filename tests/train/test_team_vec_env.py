@@ -110,6 +110,24 @@ def test_held_actions_add_up_rewards_to_the_end_and_no_further():
     assert len(teams.actions) == 3
 
 
+LAST, SUCCESS, LATE = {"lost": [2]}, {"lost": [0, 1]}, {"late": [0, 1]}
+
+
+@pytest.mark.parametrize(
+    ("script", "lost"),
+    [
+        ([LAST, SUCCESS], 1),
+        ([LAST, LATE], 1),
+        ([GO, {"lost": [2], "late": [0, 1]}], 1),
+        ([GO, {"lost": [0, 1, 2]}], 0),  # cannot be told from success
+    ],
+)
+def test_robots_lost_within_the_last_held_action_are_counted_and_success_is_no_loss(script, lost):
+    _, _, dones, infos = step(scripted(script, repeat=2))
+    assert dones == [True] * 3
+    assert infos[0]["episode"]["robots_lost"] == lost
+
+
 def test_rewards_are_scaled_and_figures_are_not():
     env = scripted([{"reward": 3.0, "late": [0, 1, 2]}], reward_scale=0.5)
     _, rewards, _, infos = step(env)

@@ -24,6 +24,7 @@ from train.checkpoint import checkpoints
 from train.ppo import TeamPPO
 from train.team_vec_env import TeamVecEnv
 from train.train import main
+from train.training_evaluation import HeldOut
 
 SMALL = [
     *("--team", "inchworm", "--set", "task.time_limit_s=10", "--teams", "8", "--threads", "1", "--num-worlds", "1"),
@@ -150,6 +151,7 @@ def test_a_damaged_checkpoint_falls_back_to_the_one_before(trained, tmp_path, ca
         (["--network.width", "32"], "checkpoint.network.width"),
         (["--set", "reward.goal=1"], "checkpoint.scenario.reward.goal"),
         (["--seed", "5"], "checkpoint.seed"),
+        (["--reward-scale", "2"], "checkpoint.reward_scale"),
     ],
 )
 def test_a_checkpoint_of_another_training_is_refused(trained, arguments, named, capsys):
@@ -185,6 +187,23 @@ def test_a_reward_that_is_not_finite_stops_with_one_line(tmp_path, capsys, monke
     assert_one_line(capsys, "reward of team 0: got nan")
     monkeypatch.undo()
     assert goes_on(out)
+
+
+def test_an_interrupted_evaluation_is_made_up_for(tmp_path, monkeypatch):
+    out, evaluate, calls = tmp_path / "run", HeldOut.evaluate, []
+
+    def interrupted(self: HeldOut, act: Any) -> dict[str, Any]:
+        calls.append(0)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return evaluate(self, act)
+
+    monkeypatch.setattr(HeldOut, "evaluate", interrupted)
+    more = ["--evaluate-episodes", "1", "--evaluate-every", str(UPDATE)]
+    assert main(small(out, *more, steps=3 * UPDATE)) == 130
+    assert [row["steps"] for row in document(out)["held_out"]] == [UPDATE]
+    assert main(["--resume", "--out", str(out)]) == 0
+    assert [row["steps"] for row in document(out)["held_out"]] == [UPDATE, 2 * UPDATE, 3 * UPDATE]
 
 
 @pytest.mark.parametrize("what", ["gradient", "loss"])
