@@ -22,11 +22,13 @@ ENABLES = {
     "gtsam": "a factor graph as smoother and oracle (to come)",
     "log": "episode logs: DIR/episodes/*.mcap of `coop evaluate`",
     "mavlink": "robots that speak MAVLink (to come)",
-    "rllib": "training on many machines (to come)",
+    "policy": "trained policies: policy.onnx run by onnxruntime",
+    "rllib": "training on many machines with RLlib",
     "ros1": "robots that speak ROS 1 (to come; apt's python3-rospy)",
     "ros2": "robots that speak ROS 2 (to come)",
     "serial": "robots on a serial line (to come)",
-    "train": "training with Stable-Baselines3 (to come); its environment checker in the tests",
+    "torchrl": "TorchRL through PettingZoo",
+    "train": "coop train: PPO by Stable-Baselines3, export to ONNX",
     "viz": "reports, plots and videos",
 }
 

@@ -118,6 +118,7 @@ def check(options: Options, make_env: Callable[..., Any]) -> None:
     with closing(make_env(**options.settings)) as env:
         for policy in policies:
             check_needs(policy, env.team_description)
+            policy.reset(env.team_description, options.seed)
         env.reset(seed=options.seed, options={"world_index": 0, "split": options.split})
 
 
