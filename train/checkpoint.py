@@ -137,8 +137,8 @@ def check_same(about: Mapping[str, Any], expected: Mapping[str, Any]) -> None:
     """
     for name, wanted in expected.items():
         if about.get(name) != wanted:
-            field, got, needed = _difference(f"checkpoint.{name}", about.get(name), wanted)
-            raise ConfigError(field, got, f"{needed!r}, as in this training")
+            field, kept, asked = _difference(name, about.get(name), wanted)
+            raise ConfigError(field, asked, f"{kept!r}, as in the checkpoint to go on from")
 
 
 def _difference(field: str, got: Any, wanted: Any) -> tuple[str, Any, Any]:

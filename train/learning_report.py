@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from coop_envs.recording.whole_file import written_whole
+from coop_envs.validation import validated
 from coop_envs.viewer.metrics import Metric, known_metrics
 from train.learning_curves import draw_curves, svg
 from train.reporting import installed
 from train.training_progress import Document
+from train.training_settings import TrainingSettings
 
 TEMPLATE = "learning_report.html.jinja"
 RETURN = Metric("return", "Return", "Sum of rewards over an episode, as the scenario weighs them.", better="higher")
@@ -63,8 +65,20 @@ def render(document: Document) -> str:
         training_figures=_training_figures(document),
         share=100.0 * document["evaluation_s"] / max(document["wall_s"], 1e-9),
         environment={name: document[name] for name in ("version", "started", "finished")} | document["machine"],
+        compare=_comparison(settings),
         limitations=LIMITATIONS,
     )
+
+
+def _comparison(settings: Mapping[str, Any]) -> str:
+    """The command that puts the policy beside baselines that fit its team, in the scenario as it was trained in."""
+    scenario = validated(TrainingSettings, settings).load_scenario()
+    scans = any(member.laser is not None for member in scenario.team.members)
+    words = ["coop evaluate --policy", settings["out"], "random_walk", "inchworm_scan" if scans else "goal_grid"]
+    words += ["--scenario", settings["scenario"]]
+    words += [word for name in ("world", "team") if settings[name] for word in (f"--{name}", settings[name])]
+    words += [word for entry in settings["overrides"] for word in ("--set", entry)]
+    return " ".join([*words, "--out out/evaluate"])
 
 
 def held_out_metrics() -> list[Metric]:
@@ -106,10 +120,11 @@ def _training_figures(document: Document) -> list[tuple[str, str]]:
 
 
 def _figure(caption: str, curves: Mapping[str, Sequence[tuple[int, float | None]]]) -> list[tuple[str, str]]:
-    """Caption and picture, nothing if there is no point to show."""
+    """Caption and picture, nothing if no curve has two points."""
     known = {name: [(x, y) for x, y in points if y is not None] for name, points in curves.items()}
     shown = {name: points for name, points in known.items() if points}
-    return [(caption, _uri(svg(draw_curves(shown))))] if shown else []
+    drawable = any(len(points) > 1 for points in shown.values())
+    return [(caption, _uri(svg(draw_curves(shown))))] if drawable else []
 
 
 def _uri(data: bytes) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+import time
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -20,6 +21,9 @@ from coop_envs.cli import guarded, parse
 from coop_envs.errors import require
 from coop_envs.validation import known, read_yaml, validated
 from train.training_settings import TrainingSettings
+
+LINE_PERIOD_S = 30.0
+"""Between lines that tell how far it is, where no bar can be drawn."""
 
 
 @dataclass(frozen=True)
@@ -64,11 +68,21 @@ def train(settings: TrainingSettings, run: Run, command: str, console: Console, 
     with _bar(console) as bar:
         task = bar.add_task("preparing", total=settings.steps, note="the first run compiles the simulation")
 
+        told_at = time.monotonic()
+
         def tell(steps: int, row: Mapping[str, Any]) -> None:
+            nonlocal told_at
+            if not console.is_terminal and time.monotonic() - told_at >= LINE_PERIOD_S:
+                told_at = time.monotonic()
+                console.print(f"{steps:,} of {settings.steps:,} steps, {_note(row)}", soft_wrap=True, highlight=False)
             bar.update(task, completed=steps, description="training", note=_note(row))
 
         training = Training(settings, command, tell=tell, checkpoint=checkpoint)
         with closing(training):
+            if checkpoint is not None and progress.finished(settings.out / "progress.json", settings.steps):
+                bar.stop()
+                console.print(f"complete already; to train longer: --steps {2 * settings.steps}", highlight=False)
+                return 0
             bar.update(task, completed=training.steps, description="training", note="")
             status = training.run()
             bar.update(task, completed=training.steps)

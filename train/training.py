@@ -18,7 +18,7 @@ import yaml
 from stable_baselines3.common.logger import configure
 
 from coop_envs.device import available_cpus
-from coop_envs.errors import CoopError
+from coop_envs.errors import CoopError, require
 from coop_envs.scenario import Scenario
 from policies.description import describe_policy
 from policies.export import export
@@ -72,9 +72,11 @@ class Training:
         self.settings, self.command, self.tell = settings, command, tell
         self.scenario = settings.load_scenario()
         expected = identity(settings, self.scenario)
+        planned = settings.steps
         if checkpoint is not None:
             check_same(checkpoint.about, expected)
-            before = checkpoint.about["command"]
+            before, planned = checkpoint.about["command"], checkpoint.about["settings"]["steps"]
+            require(settings.steps >= planned, "steps", settings.steps, f"{planned} or more, as it was to be")
             self.command = command = before if command in before else f"{before}; {command}"
         threads = settings.threads or available_cpus()
         torch.set_num_threads(threads)
@@ -82,8 +84,9 @@ class Training:
         self.robots = self.teams.shape[1]
         self.model = TeamPPO(self.teams, settings.network, settings.ppo, seed=settings.seed, device=settings.device)
         self._held_out = make_held_out(settings, self.scenario, threads)
-        self._about = {**expected, "settings": settings.plain(), "command": command}
-        self.document = progress.new_document(command, settings.plain())
+        extended = checkpoint is not None and (checkpoint.about["extended"] or settings.steps > planned)
+        self._about = {**expected, "settings": settings.plain(), "command": command, "extended": extended}
+        self.document = progress.new_document(command, settings.plain()) | {"extended": extended}
         self._fresh, self._evaluated_at = checkpoint is None, 0
         if checkpoint is not None:
             self._recall(restore(self.model, self.teams, checkpoint))

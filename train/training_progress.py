@@ -43,6 +43,7 @@ def new_document(command: str, settings: Mapping[str, Any]) -> Document:
         "evaluation_s": 0.0,
         "steps_per_s": 0.0,
         "weights_sha256": None,
+        "extended": False,
         "training": [],
         "held_out": [],
     }
@@ -82,3 +83,12 @@ def summary(document: Document) -> Document:
 
 def _now() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def finished(path: Path, steps: int) -> bool:
+    """Whether the document there is of a training that came to the end of so many steps."""
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return document.get("status") == "complete" and document.get("settings", {}).get("steps") == steps

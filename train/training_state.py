@@ -37,9 +37,9 @@ def identity(settings: TrainingSettings, scenario: Scenario) -> dict[str, Any]:
         "version": version("coop_envs"),
         "actions": ACTION_NAMES,
         "observations": {"self": [f.name for f in SELF_FIELDS], "mates": [f.name for f in MATE_FIELDS]},
-        "team": tree.pop("team"),
+        "scenario": {name: entry for name, entry in tree.items() if name != "team"},
+        "team": tree["team"],
         "network": dataclasses.asdict(settings.network),
-        "scenario": tree,
         **{name: getattr(settings, name) for name in ("teams", "num_worlds", "repeat", "seed", "reward_scale")},
         "world_sha256": _world_sha256(scenario),
     }

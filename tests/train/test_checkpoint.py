@@ -150,7 +150,7 @@ def test_tensors_of_a_device_are_read_to_the_cpu(tmp_path, monkeypatch):
 
 
 def test_the_first_difference_is_named():
-    with pytest.raises(ConfigError, match=r"checkpoint\.team\.members\.1\.name: got 'a', expected 'b'"):
+    with pytest.raises(ConfigError, match=r"team\.members\.1\.name: got 'b', expected 'a'"):
         check_same(
             {"team": {"members": [{"name": "o"}, {"name": "a"}]}}, {"team": {"members": [{"name": "o"}, {"name": "b"}]}}
         )
