@@ -35,6 +35,8 @@ PER_ROBOT = frozenset({"self", "mates", "mask", "map", "alive", "terminated", "t
 SEEDS = 2**62
 FEWEST = 8
 """Teams that are worth a thread."""
+LANE = 128
+"""Teams of a lane: what they hold stays in the processor's cache from one kernel to the next."""
 
 
 def team_observation_space(robots: int) -> spaces.Dict:
@@ -93,11 +95,17 @@ class ExplorationVectorEnv(VectorEnv[TeamObservations, NDArray[np.float32], NDAr
         self.action_space = batch_space(self.single_action_space, num_envs)
         packed = PackedPool(scenario, open_pool(scenario, split, range(self.num_worlds)), prepare(device))
         self._exchange = allocate_exchange(scenario, packed.pool, num_envs, packed.device)
-        shares = _shares(num_envs, 1 if packed.device != "cpu" else threads or available_cpus())
-        self.lanes = tuple(Lane(scenario, packed, rows, self._exchange.part(rows)) for rows in shares)
-        self._threads = ThreadPoolExecutor(len(self.lanes))
+        on_cpu = packed.device == "cpu"
+        shares = _shares(num_envs, threads or available_cpus()) if on_cpu else [[slice(0, num_envs)]]
+        self._shares = [[Lane(scenario, packed, rows, self._exchange.part(rows)) for rows in share] for share in shares]
+        self._threads = ThreadPoolExecutor(len(self._shares))
         self._views = self._outcome() if packed.device == "cpu" else None
         self._begin_series(np.ones(num_envs, dtype=bool), seed)
+
+    @property
+    def lanes(self) -> list[Lane]:
+        """All lanes, in the order of their teams."""
+        return [lane for share in self._shares for lane in share]
 
     @property
     def batch(self) -> TeamBatch:
@@ -169,11 +177,16 @@ class ExplorationVectorEnv(VectorEnv[TeamObservations, NDArray[np.float32], NDAr
         self._copy(self._views, lane.rows, out)
 
     def _each_lane(self, work: Callable[[Lane], None]) -> None:
-        """Do this for all lanes at the same time, the first in this thread."""
+        """Do this for all lanes, those of a thread one after the other; the first share in this thread."""
         assert self._threads is not None
-        others = [self._threads.submit(work, lane) for lane in self.lanes[1:]]
+
+        def through(share: list[Lane]) -> None:
+            for lane in share:
+                work(lane)
+
+        others = [self._threads.submit(through, share) for share in self._shares[1:]]
         try:
-            work(self.lanes[0])
+            through(self._shares[0])
         finally:
             wait(others)
         for other in others:
@@ -257,10 +270,15 @@ class ExplorationVectorEnv(VectorEnv[TeamObservations, NDArray[np.float32], NDAr
             self._threads.shutdown()
 
 
-def _shares(teams: int, threads: int) -> list[slice]:
-    """Equal runs of teams, one for each thread, none of fewer than `FEWEST`."""
-    lanes = max(1, min(threads, teams // FEWEST))
-    borders = [teams * k // lanes for k in range(lanes + 1)]
+def _shares(teams: int, threads: int) -> list[list[slice]]:
+    """Teams for each thread, none with fewer than `FEWEST`, in lanes of about `LANE`."""
+    used = max(1, min(threads, teams // FEWEST))
+    return [_parts(share, max(1, round((share.stop - share.start) / LANE))) for share in _parts(slice(0, teams), used)]
+
+
+def _parts(rows: slice, parts: int) -> list[slice]:
+    """Nearly equal runs."""
+    borders = [rows.start + (rows.stop - rows.start) * k // parts for k in range(parts + 1)]
     return [slice(low, high) for low, high in itertools.pairwise(borders)]
 
 

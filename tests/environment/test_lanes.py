@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from coop_envs import exploration_v0
+from coop_envs import exploration_v0, vector_env
 from coop_envs.errors import ConfigError
 from coop_envs.geometry.keyed_random import mix, team_key
 from coop_envs.vector_env import ExplorationVectorEnv
@@ -30,13 +30,18 @@ def play(env: ExplorationVectorEnv, decisions: int, seed: int = 1) -> list[np.nd
 
 
 @pytest.mark.parametrize("threads", [2, 3])
-def test_threads_do_not_matter(threads: int) -> None:
+def test_threads_and_lanes_do_not_matter(threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
     one, many = teams_of(1), teams_of(threads)
     assert (len(one.lanes), len(many.lanes)) == (1, threads)
+    monkeypatch.setattr(vector_env, "LANE", 4)
+    short = teams_of(2)
+    assert len(short.lanes) == 6
+    short.reset(seed=7)
     one.reset(seed=7)
     many.reset(seed=7)
-    for a, b in zip(play(one, 45), play(many, 45), strict=True):
+    for a, b, c in zip(play(one, 45), play(many, 45), play(short, 45), strict=True):
         np.testing.assert_array_equal(a, b)
+        np.testing.assert_array_equal(a, c)
 
 
 def test_a_state_moves_between_numbers_of_threads() -> None:
