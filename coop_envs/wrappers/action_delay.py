@@ -10,7 +10,7 @@ from gymnasium.vector import VectorEnv
 from coop_envs.actions import ACTION_SIZE, hold_action
 from coop_envs.errors import require
 from coop_envs.wrappers.disturbance import Actions, Chosen, Disturbance, stream_of
-from coop_envs.wrappers.team_wrapper import AnyParallelEnv, DisturbedTeam
+from coop_envs.wrappers.team_wrapper import AnyParallelEnv, DisturbedTeam, robots_of
 from coop_envs.wrappers.vector_wrapper import DisturbedTeams, teams_and_robots
 
 KIND = 1
@@ -52,7 +52,7 @@ class ActionDelay(DisturbedTeam):
     """One team whose actions take effect ``decisions`` late; see `DelayLine`."""
 
     def __init__(self, env: AnyParallelEnv, decisions: int | tuple[int, int], stream: int = 0) -> None:
-        super().__init__(env, DelayLine(1, len(env.possible_agents), decisions, stream))
+        super().__init__(env, DelayLine(1, len(robots_of(env)), decisions, stream))
 
 
 class VectorActionDelay(DisturbedTeams):

@@ -9,7 +9,7 @@ from gymnasium.vector import VectorEnv
 
 from coop_envs.inchworm_rule import HOLD, permitted
 from coop_envs.wrappers.disturbance import Actions, Arrays, Chosen, Disturbance
-from coop_envs.wrappers.team_wrapper import AnyParallelEnv, DisturbedTeam
+from coop_envs.wrappers.team_wrapper import AnyParallelEnv, DisturbedTeam, robots_of
 from coop_envs.wrappers.vector_wrapper import DisturbedTeams, teams_and_robots
 
 NEEDED = ("self", "mates", "mask", "alive")
@@ -45,7 +45,7 @@ class InchwormShield(DisturbedTeam):
     """One team that keeps the inchworm rule; ``infos[agent]["shielded"]`` says whose move became a hold."""
 
     def __init__(self, env: AnyParallelEnv) -> None:
-        super().__init__(env, Shield(1, len(env.possible_agents)))
+        super().__init__(env, Shield(1, len(robots_of(env))))
 
 
 class VectorInchwormShield(DisturbedTeams):

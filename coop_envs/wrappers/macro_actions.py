@@ -28,7 +28,7 @@ from coop_envs.observations import WINDOW
 from coop_envs.policy import TeamDescription
 from coop_envs.wrappers.disturbance import require_plain_actions
 from coop_envs.wrappers.macro_driving import MacroDriver, MacroSettings
-from coop_envs.wrappers.team_wrapper import AnyParallelEnv, Observation
+from coop_envs.wrappers.team_wrapper import AnyParallelEnv, Observation, robots_of
 
 KINDS = ("go", "scan", "wait")
 SPACE = (len(KINDS), WINDOW, WINDOW)
@@ -39,7 +39,7 @@ class MacroActions(BaseParallelWrapper[str, Observation, Any]):
 
     def __init__(self, env: AnyParallelEnv, settings: MacroSettings = MacroSettings()) -> None:  # noqa: B008  frozen
         super().__init__(env)
-        require_plain_actions(env.action_space(env.possible_agents[0]).shape, ACTION_SIZE)
+        require_plain_actions(env.action_space(robots_of(env)[0]).shape, ACTION_SIZE)
         self._settings = settings
         self._spaces = {name: spaces.MultiDiscrete(np.array(SPACE)) for name in env.possible_agents}
         self._drivers: dict[str, MacroDriver] = {}

@@ -11,12 +11,24 @@ from pettingzoo import ParallelEnv
 from pettingzoo.utils import BaseParallelWrapper
 
 from coop_envs.actions import ACTION_SIZE, checked_action, hold_action
+from coop_envs.errors import require
 from coop_envs.wrappers.disturbance import Arrays, Disturbance, require_plain_actions
 
 Observation = dict[str, NDArray[Any]]
 AnyParallelEnv = ParallelEnv[str, Observation, Any]
 
 ALL = np.ones(1, dtype=bool)
+
+
+def robots_of(env: AnyParallelEnv) -> list[str]:
+    """Names of all robots of one team's environment.
+
+    Raises:
+        ConfigError: it is something else.
+    """
+    one_team = isinstance(env, ParallelEnv)
+    require(one_team, "env", type(env).__name__, "one team, as parallel_env() gives it (many teams: Vector...)")
+    return env.possible_agents
 
 
 class DisturbedTeam(BaseParallelWrapper[str, Observation, Any]):
@@ -28,7 +40,7 @@ class DisturbedTeam(BaseParallelWrapper[str, Observation, Any]):
     def __init__(self, env: AnyParallelEnv, disturbance: Disturbance) -> None:
         super().__init__(env)
         self.disturbance = disturbance
-        self._place = {name: i for i, name in enumerate(env.possible_agents)}
+        self._place = {name: i for i, name in enumerate(robots_of(env))}
         if disturbance.changes_actions:
             require_plain_actions(env.action_space(env.possible_agents[0]).shape, ACTION_SIZE)
 

@@ -10,11 +10,17 @@ from gymnasium.vector import VectorEnv, VectorWrapper
 from numpy.typing import ArrayLike, NDArray
 
 from coop_envs.actions import ACTION_SIZE, checked_action
+from coop_envs.errors import require
 from coop_envs.wrappers.disturbance import Arrays, Disturbance, require_plain_actions
 
 
 def teams_and_robots(env: VectorEnv[Any, Any, Any]) -> tuple[int, int]:
-    """B and N of a vector environment of teams."""
+    """B and N of a vector environment of teams.
+
+    Raises:
+        ConfigError: it is something else.
+    """
+    require(isinstance(env, VectorEnv), "env", type(env).__name__, "a vector environment, as vector_env() gives it")
     shape = env.single_action_space.shape
     assert shape is not None
     return env.num_envs, shape[0]

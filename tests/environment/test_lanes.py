@@ -103,7 +103,7 @@ def test_states_of_others_are_refused() -> None:
             TEAMS, "random_arena", team="inchworm", **{"task.time_limit_s": 4.0, "num_worlds": 1}
         ),
         exploration_v0.vector_env(8, "random_arena", team="inchworm", **{"task.time_limit_s": 4.0, "num_worlds": 3}),
-        exploration_v0.vector_env(TEAMS, "random_arena", team="inchworm", **{"num_worlds": 3}),
+        exploration_v0.vector_env(TEAMS, "random_arena", team="inchworm", num_worlds=3),
     ]
     for other in others:
         with pytest.raises(ConfigError, match="state: got"):

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from pettingzoo.test import parallel_api_test, parallel_seed_test
 
+from coop_envs import exploration_v0
 from coop_envs.errors import ConfigError
-from coop_envs.wrappers import ActionDelay, MacroActions
+from coop_envs.wrappers import ActionDelay, MacroActions, VectorActionDelay
 from tests.wrappers.stacks import DISTURBANCES, WRAPPERS, team, wrapped
 
 ORDERS = list(itertools.permutations(DISTURBANCES))
@@ -130,3 +131,13 @@ def test_the_environment_still_refuses_what_it_refuses() -> None:
         env.step({"nobody": np.zeros(8)})
     with pytest.raises(ConfigError, match="shape"):
         env.step(dict.fromkeys(env.agents, np.zeros(3)))
+
+
+def test_the_wrong_kind_of_environment_is_told():
+    one, many = exploration_v0.parallel_env("arena", team="inchworm"), exploration_v0.vector_env(2, "arena")
+    with pytest.raises(ConfigError, match="env: got 'ExplorationParallelEnv'"):
+        VectorActionDelay(one, 1)  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match="env: got 'ExplorationVectorEnv'"):
+        ActionDelay(many, 1)  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match="env: got 'ExplorationVectorEnv'"):
+        MacroActions(many)  # type: ignore[arg-type]
