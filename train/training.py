@@ -86,7 +86,8 @@ class Training:
         self._held_out = make_held_out(settings, self.scenario, threads)
         extended = checkpoint is not None and (checkpoint.about["extended"] or settings.steps > planned)
         self._about = {**expected, "settings": settings.plain(), "command": command, "extended": extended}
-        self.document = progress.new_document(command, settings.plain()) | {"extended": extended}
+        self.document = progress.new_document(command, settings.plain())
+        self.document["extended"] = extended
         self._fresh, self._evaluated_at = checkpoint is None, 0
         if checkpoint is not None:
             self._recall(restore(self.model, self.teams, checkpoint))

@@ -28,7 +28,7 @@ def test_it_plays_in_the_scenario_that_it_was_trained_in(name):
     policy = load_policy(name)
     assert isinstance(policy, OnnxPolicy)
     assert policy.description.scenario == SCENARIOS[name]
-    env = exploration_v0.parallel_env(SCENARIOS[name], split="heldout", **{"task.time_limit_s": 8.0})
+    env = exploration_v0.parallel_env(SCENARIOS[name], split="heldout", task={"time_limit_s": 8.0})
     observations, _ = env.reset(seed=0)
     check_needs(policy, env.team_description)
     policy.reset(env.team_description, seed=0)
@@ -46,6 +46,6 @@ def test_it_plays_in_the_scenario_that_it_was_trained_in(name):
 def test_its_command_is_told_beside_it(name):
     text = (files("policies") / "trained" / name / "training.yaml").read_text(encoding="utf-8")
     command = text.splitlines()[0].removeprefix("# ")
-    assert command == load_policy(name).description.command
+    assert command == shipped(name).description.command
     assert f"--out out/{name}" in command
     assert read_yaml(text, name)["scenario"] == SCENARIOS[name]
