@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from coop_envs.actions import ACTION_SIZE, checked_action
 from coop_envs.batch import TeamBatch, allocate_exchange
 from coop_envs.device import available_cpus, prepare
-from coop_envs.errors import require
+from coop_envs.errors import CoopError, require
 from coop_envs.lane import Lane, joined, rows_of
 from coop_envs.observations import MAP_LAYERS, MATE_SIZE, MATES, SELF_SIZE, WINDOW, observation_arrays
 from coop_envs.packed_pool import PackedPool
@@ -109,9 +109,14 @@ class ExplorationVectorEnv(VectorEnv[TeamObservations, NDArray[np.float32], NDAr
 
     @property
     def batch(self) -> TeamBatch:
-        """The batch behind an environment with a single lane."""
-        (lane,) = self.lanes
-        return lane.batch
+        """The batch behind an environment with a single lane.
+
+        Raises:
+            CoopError: there are several.
+        """
+        if len(self.lanes) > 1:
+            raise CoopError(f"batch: got {len(self.lanes)} lanes, expected one; locate(team) finds a team's batch")
+        return self.lanes[0].batch
 
     def locate(self, team: int) -> tuple[TeamBatch, int]:
         """The batch that holds a team, and its place there."""
