@@ -293,16 +293,19 @@ def draw(figures: dict[str, Any], path: Path) -> None:
     from matplotlib import pyplot as plt
 
     curves = (
-        ("per_s_by_teams", "teams (arena, inchworm)"),
-        ("per_s_by_robots", "robots in a team (flat ground, 64 teams)"),
-        ("per_s_by_triangles", "triangles (surveyors scanning, 256 teams)"),
+        ("per_s_by_teams", "teams (arena, inchworm)", [1, 32, 1024, 8192]),
+        ("per_s_by_robots", "robots in a team (flat ground, 64 teams)", [2, 4, 8, 16, 30]),
+        ("per_s_by_triangles", "triangles (surveyors scanning, 256 teams)", [1000, 10_000, 100_000, 400_000]),
     )
     figure, axes = plt.subplots(1, 3, figsize=(13, 3.6), layout="constrained")
-    for axis, (key, label) in zip(axes, curves, strict=True):
+    for axis, (key, label, ticks) in zip(axes, curves, strict=True):
         points = sorted((int(size), rate) for size, rate in figures[key].items())
         axis.loglog(*zip(*points, strict=True), "o-", color="#1f6f8b")
-        axis.set(xlabel=label, ylabel="team-decisions/s")
-        axis.grid(which="both", alpha=0.25)
+        axis.set(xlabel=label, ylabel="team-decisions/s", ylim=(300, 200_000))
+        axis.set_xticks(ticks, [f"{tick:,}" for tick in ticks])
+        axis.set_yticks([1000, 10_000, 100_000], ["1,000", "10,000", "100,000"])
+        axis.minorticks_off()
+        axis.grid(alpha=0.3)
     figure.savefig(path, dpi=110)
 
 
