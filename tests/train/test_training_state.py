@@ -25,7 +25,7 @@ def test_another_world_under_the_same_name_is_another_training(tmp_path):
     before = identity(settings, scenario)
     check_same(before, identity(settings, scenario))
     path.write_bytes(b"other")
-    with pytest.raises(ConfigError, match=r"^checkpoint\.world_sha256: got '[0-9a-f]{64}', expected '[0-9a-f]{64}'"):
+    with pytest.raises(ConfigError, match=r"^world_sha256: got '[0-9a-f]{64}', expected '[0-9a-f]{64}'"):
         check_same(before, identity(settings, scenario))
     path.unlink()
     with pytest.raises(
