@@ -108,9 +108,7 @@ class TeamBatch:
 
         chosen (B,) 0 or 1, keys (B,) random keys, worlds (B,) places in the pool.
         """
-        self.starting.chosen.assign(chosen)
-        self.starting.key.assign(keys)
-        self.starting.world.assign(worlds)
+        self.physics.call_up(chosen, keys, worlds)
         self.start()
 
     def start(self) -> None:

@@ -29,7 +29,7 @@ TRAINING = (
 )
 LIMITATIONS = (
     "Everything here was simulated, at fidelity poses unless set otherwise; evaluate the policy at features too.",
-    "Held-out worlds were not trained in, but who reads these curves to choose settings chooses by them.",
+    "Held-out worlds are kept from training, but who reads these curves to choose settings chooses by them.",
     "One seed shows one training: others may go differently. Figures of few episodes vary by chance.",
 )
 

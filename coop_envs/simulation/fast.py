@@ -112,10 +112,14 @@ class FastPhysics:
 
     def reset(self, chosen: NDArray[np.int32], keys: NDArray[np.uint64], worlds: NDArray[np.int32]) -> None:
         """Start the teams with ``chosen`` 1 anew, each with its key and world (all (B,))."""
+        self.call_up(chosen, keys, worlds)
+        self.place()
+
+    def call_up(self, chosen: NDArray[np.int32], keys: NDArray[np.uint64], worlds: NDArray[np.int32]) -> None:
+        """Say in ``starting`` which teams are to start anew, and each one's key and world (all (B,))."""
         self.starting.chosen.assign(chosen)
         self.starting.key.assign(keys)
         self.starting.world.assign(worlds)
-        self.place()
 
     def place(self) -> None:
         """Set down the robots of the teams that ``starting`` names."""

@@ -117,7 +117,9 @@ def test_ctrl_c_keeps_the_last_update_and_says_how_to_go_on(trained, tmp_path, m
         done.append(self.num_timesteps)
 
     monkeypatch.setattr(TeamPPO, "train", interrupted)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where tests run in the background
     assert main(small(out)) == 130
+    signal.signal(signal.SIGINT, before)
     monkeypatch.undo()
     told = document(out)
     assert told["status"] == "interrupted"
