@@ -37,6 +37,7 @@ from coop_envs.sensing.solver import Answer, allocate_workspace, solve_poses, so
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 NOISE_PX, DECISION_S, FRAMES = 0.5, 0.2, 512
+TEAMS = 128  # one lane
 AHEAD = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 
 
@@ -135,16 +136,16 @@ def solver_us(repetitions: int, hats: int) -> dict[str, float]:
 
 def rung_us(repetitions: int, fidelity: str) -> dict[str, float]:
     """Microseconds a team of three surveyors: the frames of blobs, and what the rung makes of them."""
-    env = exploration_v0.vector_env(FRAMES, "u_turn", team="surveyors", fidelity=fidelity, num_worlds=1)
+    env = exploration_v0.vector_env(TEAMS, "u_turn", team="surveyors", fidelity=fidelity, num_worlds=1, threads=1)
     env.reset(seed=0)
-    actions = np.zeros((FRAMES, 3, 8), dtype=np.float32)
+    actions = np.zeros((TEAMS, 3, 8), dtype=np.float32)
     actions[..., 0] = actions[..., 7] = 1.0
     env.step(actions)
     frame, poses = env.batch.physics.sight
-    seen = float(env.batch.measurements.seen.numpy().sum()) / FRAMES
+    seen = float(env.batch.measurements.seen.numpy().sum()) / TEAMS
     return {
-        "blobs_us_per_team": launch_us(repetitions, FRAMES, frame.launch),
-        "poses_us_per_team": launch_us(repetitions, FRAMES, poses.launch),
+        "blobs_us_per_team": launch_us(repetitions, TEAMS, frame.launch),
+        "poses_us_per_team": launch_us(repetitions, TEAMS, poses.launch),
         "poses_per_team": seen,
     }
 

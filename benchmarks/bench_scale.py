@@ -200,16 +200,22 @@ def memory(scenarios: list[str]) -> dict[str, dict[str, float]]:
     return found
 
 
-def training(steps: int) -> dict[str, float]:
-    """Agent-steps/s of `coop train`, collecting and learning, by kind of network; three robots, none lost."""
+def training(steps: int) -> dict[str, dict[str, float]]:
+    """Agent-steps/s of `coop train` by kind of network; three robots, none lost.
+
+    ``per_s`` is of collecting and learning, the median over updates; ``whole_run_per_s`` also counts its start,
+    checkpoints and the export at its end.
+    """
     found = {}
     for kind in ("mlp", "attention"):
         with tempfile.TemporaryDirectory() as folder:
             command = ["coop", "train", "--scenario", "arena", "--team", "inchworm", "--repeat", "1", "--teams", "256"]
-            command += ["--network.kind", kind, "--steps", str(steps), "--evaluate-episodes", "0", "--json"]
+            command += ["--network.kind", kind, "--steps", str(steps), "--evaluate-episodes", "0"]
             command += ["--ppo.rollout-steps", "64", "--ppo.minibatch-rows", "4096", "--out", f"{folder}/run"]
-            run = subprocess.run(command, capture_output=True, text=True, check=True)
-        found[kind] = 3.0 * float(json.loads(run.stdout)["steps_per_s"])
+            subprocess.run(command, capture_output=True, text=True, check=True)
+            told = json.loads(Path(folder, "run", "progress.json").read_text())
+        updates = statistics.median(row["steps_per_s"] for row in told["training"])
+        found[kind] = {"per_s": 3.0 * updates, "whole_run_per_s": 3.0 * told["steps_per_s"]}
     return found
 
 
@@ -255,7 +261,7 @@ def measure(quick: bool, python: str | None) -> dict[str, Any]:
     say("memory")
     figures["memory"] = memory(["arena", "random_arena", "rubble", "building"])
     say("training")
-    figures["training_agent_steps_per_s"] = training(10_000 if quick else 60_000)
+    figures["training_agent_steps_per_s"] = training(20_000 if quick else 200_000)
     return figures | {"cuda_per_s": on_cuda(pairs)}
 
 
@@ -275,8 +281,9 @@ def show(figures: dict[str, Any]) -> None:
     table.add_row("a light decision, one thread: kernels alone", kernels, "")
     table.add_row("two threads over one", f"{base['two_threads_gain']:.2f} times", "")
     for name, goal in (("mlp", 20_000), ("attention", 5_000)):
-        rate = figures["training_agent_steps_per_s"][name]
-        table.add_row(f"training all in, {name}", f"{rate:,.0f} agent-steps/s", f"{goal:,}")
+        row = figures["training_agent_steps_per_s"][name]
+        rates = f"{row['per_s']:,.0f} agent-steps/s; {row['whole_run_per_s']:,.0f} with start and export"
+        table.add_row(f"collecting and learning, {name}", rates, f"{goal:,}")
     for scenario, row in figures["memory"].items():
         sizes = f"{row['team_bytes'] / 1e6:.2f} MB a team, {row['world_bytes'] / 1e6:.2f} MB a world"
         table.add_row(f"memory, {scenario}", sizes, "under 1 MB a team of three" if scenario == "arena" else "")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -47,6 +48,7 @@ def main(argv: Sequence[str]) -> int:
     """Run ``coop train``; 0 if it came to its end, 130 if interrupted."""
     # Read when torch is loaded: its threads must not spin for each other where they are not alone on the machine.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # whoever takes the machine back gets a checkpoint too
     console = Console(stderr=True)
     base, checkpoint = _base(argv, console)
     settings, run = _parsed(argv, base)

@@ -66,7 +66,7 @@ def wrong_sightings(batch) -> np.ndarray:
 
 def outcome(fidelity: str, team: str) -> Outcome:
     """Run the plan on one rung."""
-    env = exploration_v0.vector_env(TEAMS, "u_turn", team=team, fidelity=fidelity, num_worlds=1)
+    env = exploration_v0.vector_env(TEAMS, "u_turn", team=team, fidelity=fidelity, num_worlds=1, threads=1)
     env.reset(seed=100)
     sightings, wrong, truth = np.zeros(TEAMS, dtype=int), np.zeros(TEAMS, dtype=int), []
     for actions in inchworm_plan(env.batch.actions.shape[1], seed=5):

@@ -106,20 +106,22 @@ def test_killed_and_resumed_ends_with_the_same_weights(trained, tmp_path):
     assert [row["value_loss"] for row in told["training"]] == [row["value_loss"] for row in whole["training"]]
 
 
-def test_ctrl_c_keeps_the_last_update_and_says_how_to_go_on(trained, tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupts_keep_the_last_update_and_say_how_to_go_on(trained, tmp_path, monkeypatch, capsys, number):
     out = tmp_path / "run"
     update, done = TeamPPO.train, []
 
     def interrupted(self: TeamPPO) -> None:
         if len(done) == 3:
-            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), number)
         update(self)
         done.append(self.num_timesteps)
 
     monkeypatch.setattr(TeamPPO, "train", interrupted)
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where tests run in the background
+    before = signal.getsignal(number)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where tests run in the background
     assert main(small(out)) == 130
-    signal.signal(signal.SIGINT, before)
+    signal.signal(number, before)
     monkeypatch.undo()
     told = document(out)
     assert told["status"] == "interrupted"
