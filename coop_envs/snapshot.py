@@ -2,22 +2,13 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
-from numpy.typing import NDArray
 
-from coop_envs.agents.specification import Camera
 from coop_envs.batch import TeamBatch
-from coop_envs.mapping.ground_map import LOG_ODDS_SCALE
+from coop_envs.belief_picture import about_z, believed_scan, horizontal_fov_rad, map_chances
 from coop_envs.recording.frame import Frame, WorldPicture
-from coop_envs.recording.scan import NO_SCAN, Scan
-from coop_envs.sensing.triangulation import OK
+from coop_envs.recording.scan import Scan
 from coop_envs.worlds.world import World
-
-CHANCES = np.rint(255.0 / (1.0 + np.exp(-np.arange(256, dtype=np.uint8).view(np.int8) / LOG_ODDS_SCALE)))
-CHANCE_BYTES = CHANCES.astype(np.uint8).tobytes()
-"""255 P of each byte that a log-odds in sixteenths may be."""
 
 
 def world_picture(world: World) -> WorldPicture:
@@ -44,12 +35,13 @@ def team_frame(batch: TeamBatch, b: int, volume: bool = False) -> Frame:
     x, y, z, yaw = (float(v) for v in batch.state.frame.numpy()[b])
     R = batch.belief.rotation.numpy()[b]
     believed = batch.belief.position.numpy()[b, :, :2]
-    turn = _turn(yaw)[:2, :2]
+    turn = about_z(yaw)[:2, :2]
     covariance = batch.belief.pose_covariance.numpy()[b, :, 3:5, 3:5]
     corner = turn @ batch.map.corner.numpy()[b].astype(float) + (x, y)
     score, model = batch.score, batch.map_model
+    cells = model.nx, model.ny
     scan = team_scan(batch, b)
-    ground, obstacle = _chances(batch.map.log_odds.numpy()[b], batch)
+    ground, obstacle = map_chances(batch.map.log_odds.numpy()[b], cells)
     levels = batch.map.volume.numpy()[b].T if volume else np.empty((0, 0), dtype=np.int8)
     return Frame(
         time_s=float(batch.state.tick.numpy()[b]) * batch.scenario.rates.tick_s,
@@ -73,7 +65,7 @@ def team_frame(batch: TeamBatch, b: int, volume: bool = False) -> Frame:
         point_eyes_m=scan.point_eyes_m,
         map_ground=ground,
         map_obstacle=obstacle,
-        map_volume=_chances(levels, batch),
+        map_volume=map_chances(levels, cells),
         T_world_map=np.array([corner[0], corner[1], yaw]),
         cell_m=model.cell,
         volume_floor_m=z + model.floor,
@@ -86,38 +78,5 @@ def team_frame(batch: TeamBatch, b: int, volume: bool = False) -> Frame:
 
 def team_scan(batch: TeamBatch, b: int) -> Scan:
     """The points that team b measured in its last decision."""
-    points = batch.loop.points
-    if points.count.numpy()[b] == 0:
-        return NO_SCAN
-    found = points.answer.numpy()[b] == int(OK)
     x, y, z, yaw = (float(v) for v in batch.state.frame.numpy()[b])
-    variance = np.trace(points.covariance.numpy()[b, found].astype(float), axis1=1, axis2=2)
-    cameras = points.cameras.numpy()[b, found]
-    R, p = batch.belief.rotation.numpy()[b, cameras], batch.belief.position.numpy()[b, cameras]
-    mounted = np.array([m.camera.position_m if m.camera else (0.0, 0.0, 0.0) for m in batch.scenario.team.members])
-    eyes = p + np.einsum("keij,kej->kei", R, mounted[cameras])
-    lit = batch.command.laser.numpy()[b][:, found] > 0.0
-    laser = np.where(lit.any(axis=0), lit.argmax(axis=0), -1)
-    return Scan(
-        points_m=points.position.numpy()[b, found].astype(float) @ _turn(yaw).T + (x, y, z),
-        point_sigma_m=np.sqrt(variance),
-        point_robots=np.column_stack([laser, cameras]).astype(np.int16),
-        point_eyes_m=eyes @ _turn(yaw).T + (x, y, z),
-    )
-
-
-def horizontal_fov_rad(camera: Camera | None) -> float:
-    """Full horizontal field of view, 0 without a camera."""
-    return 2.0 * math.atan(0.5 * camera.width_px / camera.fx_px) if camera else 0.0
-
-
-def _turn(yaw: float) -> NDArray[np.float64]:
-    c, s = math.cos(yaw), math.sin(yaw)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
-def _chances(log_odds: NDArray[np.int8], batch: TeamBatch) -> NDArray[np.uint8]:
-    """255 P of layers (k, C) of the map, as (k, nx, ny); of a map without cells (0, nx, ny)."""
-    cells = batch.map_model.nx, batch.map_model.ny
-    chances = np.frombuffer(log_odds.tobytes().translate(CHANCE_BYTES), dtype=np.uint8)
-    return chances.reshape(log_odds.size // (cells[0] * cells[1]), *cells)
+    return believed_scan(batch.loop, batch.command, batch.scenario.team, b, (x, y, z, yaw))

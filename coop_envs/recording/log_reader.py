@@ -78,6 +78,20 @@ class EpisodeReader:
         for _, _, message in self._messages(topic):
             yield message["time_s"], _decode(message)
 
+    def messages(self, *topics: str) -> Iterator[tuple[str, Any]]:
+        """Topic and JSON object of every message on these topics, in the order written."""
+        for _, topic, message in self._messages(*topics):
+            yield topic, message
+
+    def metadata_record(self, name: str) -> dict[str, str]:
+        """The values of a metadata record besides the episode's own, empty if the log holds none of that name."""
+        from mcap.records import Metadata
+
+        for record in self._records():
+            if isinstance(record, Metadata) and record.name == name:
+                return dict(record.metadata)
+        return {}
+
     def _note_cut(self) -> None:
         self.note = f"{self._path.name} was cut short or damaged: read up to there"
 

@@ -125,16 +125,37 @@ class EpisodeWriter(AbstractContextManager["EpisodeWriter"]):
         encoded = {name: encode_array(value) for name, value in arrays.items()}
         self._add(topic, "coop_envs.Arrays", ARRAYS_SCHEMA, time_s, {"time_s": float(time_s), "arrays": encoded})
 
+    def write_json(self, topic: str, schema_name: str, schema: dict[str, Any], time_s: float, message: bytes) -> None:
+        """Write one JSON object, encoded already, on a topic of its own.
+
+        Raises:
+            ConfigError: a topic of world or frames.
+        """
+        if topic in OWN:
+            raise ConfigError("topic", topic, f"another topic than {', '.join(OWN)}")
+        self._add_encoded(topic, schema_name, schema, time_s, message)
+
+    def write_metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Write a metadata record besides the episode's own."""
+        self._writer.add_metadata(name, dict(values))
+
+    def flush(self) -> None:
+        """Hand all so far to the operating system: it outlives this process, however that ends."""
+        self._writer.flush()
+
     def _write_part(self, topic: str, schema_name: str, frame: Frame, names: tuple[str, ...]) -> None:
         encoded = {name: encode_array(np.asarray(getattr(frame, name)), compress=True) for name in names}
         self._add(topic, schema_name, ARRAYS_SCHEMA, frame.time_s, {"time_s": frame.time_s, "arrays": encoded})
 
     def _add(self, topic: str, schema_name: str, schema: dict[str, Any], time_s: float, message: Any) -> None:
+        data = json.dumps(message, allow_nan=False, separators=(",", ":")).encode()
+        self._add_encoded(topic, schema_name, schema, time_s, data)
+
+    def _add_encoded(self, topic: str, schema_name: str, schema: dict[str, Any], time_s: float, data: bytes) -> None:
         time_ns = round(time_s * 1e9)
         if topic not in self._channels:
             schema_id = self._writer.register_schema(schema_name, "jsonschema", json.dumps(schema).encode())
             self._channels[topic] = self._writer.register_channel(topic, "json", schema_id)
-        data = json.dumps(message, allow_nan=False, separators=(",", ":")).encode()
         self._writer.add_message(self._channels[topic], log_time=time_ns, publish_time=time_ns, data=data)
 
     def _finish(self) -> None:

@@ -134,6 +134,31 @@ def write_until_interrupted(path: Path, frame: Frame, keep: bool) -> None:
         raise KeyboardInterrupt
 
 
+def test_json_and_metadata_of_others_are_read_back_in_order(tmp_path: Path) -> None:
+    with EpisodeWriter(tmp_path / "episode.mcap", METADATA) as log:
+        log.write_metadata("other", {"team": "a: ü"})
+        for k in range(4):
+            log.write_json(f"/topic_{k % 2}", "other.Message", {"type": "object"}, 0.1 * k, b'{"k":%d}' % k)
+        with pytest.raises(ConfigError, match="topic"):
+            log.write_json("/map", "other.Message", {"type": "object"}, 1.0, b"{}")
+    reader = EpisodeReader(tmp_path / "episode.mcap")
+    assert list(reader.messages("/topic_0", "/topic_1")) == [(f"/topic_{k % 2}", {"k": k}) for k in range(4)]
+    assert [message["k"] for _, message in reader.messages("/topic_1")] == [1, 3]
+    assert reader.metadata_record("other") == {"team": "a: ü"}
+    assert reader.metadata_record("none") == {}
+    assert reader.metadata == METADATA
+
+
+def test_what_was_flushed_can_be_read_while_writing_goes_on(tmp_path: Path, frames: list[Frame]) -> None:
+    path = tmp_path / "episode.mcap"
+    with EpisodeWriter(path, METADATA) as log:
+        log.write_frame(frames[1])
+        log.write_arrays(MEASUREMENTS, 0.5, measurements(1))
+        assert not list(EpisodeReader(unfinished_path(path)).arrays())
+        log.flush()
+        assert len(list(EpisodeReader(unfinished_path(path)).arrays())) == 1
+
+
 def test_a_failure_leaves_nothing_unless_asked(tmp_path: Path, frames: list[Frame]) -> None:
     path = tmp_path / "episode.mcap"
     for keep in (False, True):

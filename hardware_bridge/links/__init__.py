@@ -1,0 +1,1 @@
+"""Links: one module for each way to reach a robot."""

@@ -1,0 +1,1 @@
+"""Bytes on the wire: pure functions from packets to values and back; no input makes them raise."""

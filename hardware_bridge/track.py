@@ -1,0 +1,103 @@
+"""`Track`: one robot's samples as continuous signals, so that any window of time can be averaged without losing turns.
+
+IMU and encoders are integrated over the time between samples, taken on the robot's own clock and aligned with the
+host's; a window's mean is the difference of the integrals at its ends. What was not yet heard at a window's end is
+continued with the last value, and made good in the next window.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coop_envs.agents.specification import RobotSpecification
+from hardware_bridge.clock_alignment import ClockAlignment
+from hardware_bridge.reading import Sample
+
+GRAVITY = 9.81
+CONTINUED_S = 0.1
+"""How long a signal is continued after its last sample; then the robot counts as still."""
+KEPT = 512
+
+Vector = NDArray[np.float64]
+
+
+class Track:
+    """The samples of one robot; robots without an IMU turn as their wheels do and feel gravity alone."""
+
+    def __init__(self, robot: RobotSpecification) -> None:
+        self._robot = robot
+        self._clock = ClockAlignment()
+        self._times: deque[float] = deque(maxlen=KEPT)
+        self._integrals: deque[Vector] = deque(maxlen=KEPT)
+        self._rate = np.array([0.0, 0.0, 0.0, 0.0, 0.0, GRAVITY, 0.0, 0.0])
+        self._edge: Vector | None = None
+        self._angles: tuple[float, float] | None = None
+        self.voltage_v: float | None = None
+        self.heard_s = -math.inf
+        """When the newest sample arrived, on the host's clock."""
+
+    @property
+    def jumps(self) -> int:
+        """How often the robot's clock jumped."""
+        return self._clock.jumps
+
+    def add(self, sample: Sample) -> None:
+        """Take in a sample; one that is older than the newest is dropped, for its time has been counted."""
+        self.heard_s = max(self.heard_s, sample.host_s)
+        self.voltage_v = sample.voltage_v if sample.voltage_v is not None else self.voltage_v
+        jumps = self._clock.jumps
+        at = sample.host_s if sample.device_s is None else self._clock.align(sample.host_s, sample.device_s)
+        if self._clock.jumps != jumps:
+            self._angles = None
+        if self._times and at <= self._times[-1]:
+            return
+        dt = at - self._times[-1] if self._times else 0.0
+        self._rate = self._rates(sample, dt)
+        before = self._integrals[-1] if self._integrals else np.zeros(8)
+        self._times.append(at)
+        self._integrals.append(before + self._rate * dt)
+        self._angles = sample.angles_rad
+
+    def _rates(self, sample: Sample, dt: float) -> Vector:
+        """Gyro, specific force, wheel speeds over the time since the last sample."""
+        wheels = np.asarray(sample.wheels_rad_s)
+        if self._angles is not None and dt > 0.0:
+            wheels = (np.asarray(sample.angles_rad) - self._angles) / dt
+        yaw_rate = (wheels[1] - wheels[0]) * self._robot.wheel_radius_m / self._robot.track_m
+        gyro = (0.0, 0.0, yaw_rate) if sample.gyro_rad_s is None else sample.gyro_rad_s
+        accel = (0.0, 0.0, GRAVITY) if sample.accel_m_s2 is None else sample.accel_m_s2
+        return np.array([*gyro, *accel, *wheels])
+
+    def means(self, start_s: float, edges_s: NDArray[np.float64]) -> tuple[Vector, Vector, Vector]:
+        """Means over the windows between ``start_s`` and the edges (T,): gyro (T, 3), force (T, 3), wheels (2,).
+
+        The windows are to follow those of the last call.
+        """
+        ends = np.array([self._integral(edge) for edge in edges_s])
+        first = self._integral(start_s) if self._edge is None else self._edge
+        self._edge = ends[-1]
+        lengths = np.diff(edges_s, prepend=start_s)
+        rates = np.diff(ends, axis=0, prepend=first[None]) / lengths[:, None]
+        return rates[:, :3], rates[:, 3:6], lengths @ rates[:, 6:] / lengths.sum()
+
+    def _integral(self, at: float) -> Vector:
+        if not self._times:
+            return self._rate * 0.0 + np.array([0.0, 0.0, 0.0, 0.0, 0.0, GRAVITY, 0.0, 0.0]) * at
+        times = self._times
+        if at >= times[-1]:
+            return self._integrals[-1] + self._rate * min(at - times[-1], CONTINUED_S) + _still(at - times[-1])
+        if at <= times[0]:
+            return self._integrals[0] + _still(at - times[0], 0.0)
+        k = int(np.searchsorted(np.asarray(times), at))
+        share = (at - times[k - 1]) / (times[k] - times[k - 1])
+        return self._integrals[k - 1] + share * (self._integrals[k] - self._integrals[k - 1])
+
+
+def _still(past_s: float, continued_s: float = CONTINUED_S) -> Vector:
+    """What a robot at rest adds to the integrals in the time past the last sample that is not continued."""
+    rest_s = past_s if continued_s == 0.0 else max(past_s - continued_s, 0.0)
+    return np.array([0.0, 0.0, 0.0, 0.0, 0.0, GRAVITY, 0.0, 0.0]) * rest_s
