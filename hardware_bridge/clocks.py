@@ -59,12 +59,15 @@ class LockstepClock:
         self._tick = 0
 
     def now_s(self) -> float:
-        """The simulator's time after its last tick."""
+        """The simulator's time at the end of the tick that was last asked for."""
         return self._tick * self._tick_s
 
     def wait_until(self, time_s: float) -> None:
         """Let the simulator run up to the tick at ``time_s``."""
         tick = round(time_s / self._tick_s)
         if tick > self._tick:
-            self._simulator.ask({"kind": "advance", "tick": tick}, "advanced", ADVANCE_S)
-            self._tick = tick
+            self._tick = tick  # reports of this tick may arrive before the answer
+            reached = -1
+            while reached < tick:  # where the machine is busy the last question's second answer may come first
+                answer = self._simulator.ask({"kind": "advance", "tick": tick}, "advanced", ADVANCE_S)
+                reached = int(answer["tick"])

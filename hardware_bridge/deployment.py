@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import Field
 
 from coop_envs.agents.catalog import load_team
 from coop_envs.agents.team import Team
@@ -17,6 +19,7 @@ from coop_envs.estimation.estimator import Plan
 from coop_envs.estimation.settings import Estimation, MapSettings, Rates
 from coop_envs.policy import TeamDescription
 from coop_envs.validation import STRICT, known, read_yaml, validated
+from hardware_bridge.addresses import check_addresses
 from hardware_bridge.cameras.opencv_camera import OpencvCameraSettings
 from hardware_bridge.cameras.ros1_camera import Ros1CameraSettings
 from hardware_bridge.cameras.simulator_camera import SimulatorCameraSettings
@@ -25,11 +28,14 @@ from hardware_bridge.links.velociroach_xbee import VelociroachSettings
 from hardware_bridge.links.zumy_ros1 import ZumyRos1Settings
 from hardware_bridge.links.zumy_serial import ZumySerialSettings
 from hardware_bridge.safety.limits import SafetyLimits
+from hardware_bridge.safety.polygon import depth
 from hardware_bridge.seeing import Seeing
 
 LinkSettings = SimulatorUdpSettings | VelociroachSettings | ZumyRos1Settings | ZumySerialSettings
 CameraSettings = OpencvCameraSettings | Ros1CameraSettings | SimulatorCameraSettings
 Pose = tuple[float, float, float]
+APART_M = 0.05
+"""No two robots can be set down nearer to each other."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +43,8 @@ class Wiring:
     """How one robot of the team is reached, and its camera if it carries one."""
 
     __pydantic_config__ = STRICT
-    link: LinkSettings
-    camera: CameraSettings | None = None
+    link: Annotated[LinkSettings, Field(discriminator="kind")]
+    camera: Annotated[CameraSettings, Field(discriminator="kind")] | None = None
 
 
 @dataclass(frozen=True)
@@ -102,30 +108,48 @@ class Deployment:
 
     def __post_init__(self) -> None:
         names = [member.name for member in self.team.members]
-        require(sorted(self.robots) == sorted(names), "robots", sorted(self.robots), f"the team's: {', '.join(names)}")
         for member in self.team.members:
-            camera = self.robots[member.name].camera
-            has = member.camera is not None
+            wired = self.robots.get(member.name)
+            require(
+                wired is not None, f"robots.{member.name}", None, "how it is reached: a link, a camera if it has one"
+            )
+            assert wired is not None
+            has, camera = member.camera is not None, wired.camera
             expected = "a camera, as the team has it" if has else "none, as the team has none"
             require(has == (camera is not None), f"robots.{member.name}.camera", camera and camera.kind, expected)
+        for name in self.robots:
+            known(name, names, "robots", "one of the team")
         require(self.time_limit_s > 0, "time_limit_s", self.time_limit_s, "more than 0 s")
-        placed = (self.site is None) != (self.emulation is None)
-        require(placed, "site", self.site and "a site", "a site or an emulation, one of the two")
+        if self.emulation is None:
+            require(self.site is not None, "site", None, "where the robots start, or an emulation in its place")
+        else:
+            require(self.site is None, "site", "a site", "none beside an emulation, which has its own")
+            for name in self.emulation.quirks:
+                known(name, ["all", *names], "emulation.quirks", "all, or one of the team")
         if self.site is not None:
-            starts = len(self.site.start)
-            require(starts == len(names), "site.start", starts, f"a pose for each of the {len(names)} robots")
-        self._check_addresses()
+            self._check_site(self.site)
+        parts = [(n, w, getattr(self.robots[n], w)) for n in names for w in ("link", "camera")]
+        check_addresses(parts)
 
-    def _check_addresses(self) -> None:
-        """No two robots or cameras at one address; those of an emulation are not known yet."""
-        taken: dict[tuple[str, str], str] = {}
+    def _check_site(self, site: Site) -> None:
+        """Everybody on the map, within the geofence, in a place of its own; every port named."""
+        members, fence = self.team.members, self.safety.corners
+        require(len(site.start) == len(members), "site.start", len(site.start), f"{len(members)} poses, one a robot")
+        (left, low), (wide, high) = site.map_corner_m, site.map_size_m
+        at_work = [i for i, member in enumerate(members) if not member.reserve]
+        for i in at_work:
+            x, y, _ = site.start[i]
+            field, place = f"site.start.{i}", (x, y)
+            on_map = left <= x <= left + wide and low <= y <= low + high
+            reach = f"on the map, x {left:g} to {left + wide:g} m, y {low:g} to {low + high:g} m"
+            require(on_map, field, place, reach)
+            require(fence is None or depth(fence, place) > 0, field, place, "within safety.geofence")
+            for k in at_work[:i]:
+                away_m = math.dist(place, site.start[k][:2])
+                require(away_m >= APART_M, field, place, f"{APART_M} m or more from {members[k].name}'s")
         for name, wiring in self.robots.items():
-            for part, settings in (("link", wiring.link), ("camera", wiring.camera)):
-                address = address_of(settings)
-                if address is None:
-                    continue
-                other = taken.setdefault((part, address), name)
-                require(other == name, f"robots.{name}.{part}", address, f"another address than {other}'s")
+            named = getattr(wiring.link, "port", 0) is not None
+            require(named, f"robots.{name}.link.port", None, "a serial port such as /dev/ttyUSB0")
 
     def belief_settings(self) -> BeliefSettings:
         """What the belief has to know beforehand.
@@ -163,25 +187,6 @@ class Deployment:
         return self.site
 
 
-def address_of(settings: LinkSettings | CameraSettings | None) -> str | None:
-    """What two robots must not share, None where it is not known or may be shared."""
-    match settings:
-        case ZumySerialSettings():
-            return settings.port
-        case VelociroachSettings():
-            return f"{settings.port}:{settings.address:#06x}"
-        case ZumyRos1Settings():
-            return f"{settings.master}{settings.namespace}"
-        case SimulatorUdpSettings() if settings.robot is not None:
-            return f"{settings.host}:{settings.port}/{settings.robot}"
-        case OpencvCameraSettings():
-            return str(settings.source)
-        case Ros1CameraSettings():
-            return f"{settings.master}{settings.topic}"
-        case _:
-            return None
-
-
 def load_deployment(source: str | Path | Mapping[str, Any]) -> Deployment:
     """A team file, or what stands in one.
 
@@ -191,14 +196,33 @@ def load_deployment(source: str | Path | Mapping[str, Any]) -> Deployment:
     if isinstance(source, Mapping):
         tree = dict(source)
     else:
-        path = Path(source)
-        require(path.is_file(), "team", str(source), "a team file (.yaml) that exists")
-        tree = read_yaml(path.read_text(), str(path))
+        tree = _read(Path(source))
     if "team" not in tree:
         raise ConfigError("team", None, "a team's name or its members")
     tree["team"] = load_team(tree["team"])
     robots = tree.get("robots")
-    if isinstance(robots, Mapping):
-        for name in robots:
-            known(name, [member.name for member in tree["team"].members], "robots", "one of the team")
+    require(isinstance(robots, Mapping), "robots", robots, "a mapping: a link for each robot, a camera if it has one")
+    assert isinstance(robots, Mapping)
+    for name in robots:
+        known(name, [member.name for member in tree["team"].members], "robots", "one of the team")
+    tree["robots"] = {name: _wiring(f"robots.{name}", entry) for name, entry in robots.items()}
     return validated(Deployment, tree)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    require(path.is_file(), "team", str(path), "a team file (.yaml) that exists")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError("team", str(path), f"a text file that can be read ({error})") from None
+    return read_yaml(text, str(path))
+
+
+def _wiring(path: str, entry: object) -> Wiring:
+    """One robot's entry; ``path`` stands before the field also where a value is refused by what it is for."""
+    try:
+        return validated(Wiring, entry, path)
+    except ConfigError as error:
+        if error.field.startswith(path):
+            raise
+        raise ConfigError(f"{path}.{error.field}", error.value, error.expected) from None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import subprocess
 import sys
@@ -24,6 +25,7 @@ from hardware_bridge.simulator_client import SimulatorClient
 
 READY_S = 180.0
 """The first start on a machine compiles the simulation."""
+ENDING_S = 10.0
 
 
 class EmulationProcess:
@@ -35,6 +37,7 @@ class EmulationProcess:
 
     def __init__(self, team_file: str | Path) -> None:
         self._team_file = str(team_file)
+        self._judge: SimulatorClient | None = None
 
     def __enter__(self) -> Self:
         pipe, command = subprocess.PIPE, [sys.executable, "-m", "hardware_bridge.emulators", self._team_file]
@@ -58,12 +61,18 @@ class EmulationProcess:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._process.stdin is not None:
+        if self._judge is not None:
+            self._judge.close()
+        assert self._process.stdin is not None and self._process.stdout is not None
+        with contextlib.suppress(BrokenPipeError):  # it died with something unread
             self._process.stdin.close()
         try:
-            self._process.wait(10.0)
+            self._process.wait(ENDING_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
+            self._process.wait()
+        self._process.stdout.close()
+        self._ear.join(2.0)
 
     def _first_line(self) -> dict[str, Any]:
         assert self._process.stdout is not None
@@ -76,9 +85,10 @@ class EmulationProcess:
 
     def _hear_complaints(self) -> None:
         assert self._process.stderr is not None
-        for line in self._process.stderr:
-            self._said.append(line.strip())
-            del self._said[:-50]
+        with self._process.stderr as complaints:
+            for line in complaints:
+                self._said.append(line.strip())
+                del self._said[:-50]
 
     def tell(self, message: dict[str, Any]) -> None:
         """Break something; see `hardware_bridge.emulators.__main__`."""
@@ -92,6 +102,7 @@ class EmulationProcess:
         Raises:
             LinkError: the simulator does not answer.
         """
+        assert self._judge is not None
         return self._judge.ask({"kind": "truth"}, "truth")
 
     def settled(self, deployment: Deployment) -> Deployment:
@@ -141,3 +152,7 @@ class SimulatedOperator:
     def collect(self, robot: int) -> None:
         """Take a lost robot away."""
         self._client.send({"kind": "operator", "collect": [robot]})
+
+    def close(self) -> None:
+        """Let go of the socket."""
+        self._client.close()

@@ -44,7 +44,7 @@ class Display:
 
     def say(self, line: str) -> None:
         """A line above the table."""
-        self._console.print(line, soft_wrap=True, highlight=False)
+        self._console.print(line, soft_wrap=True, highlight=False, markup=False)
 
     def keyboard(self, stack: ExitStack) -> Callable[[Deployment], Person]:
         """Open the keyboard now; who makes the person once the team is known."""
@@ -89,7 +89,7 @@ class Display:
             line += f", hat {safe.command.brightness:.2f}, laser {safe.command.laser:.1f}"
             if safe.command != wanted:
                 line += f" (wanted {wanted.wheels_rad_s[0]:+.2f} {wanted.wheels_rad_s[1]:+.2f})"
-            self.say(line + (f"  [{held[name]}]".replace("[", r"\[") if name in held else ""))
+            self.say(line + (f"  [{held[name]}]" if name in held else ""))
 
 
 def status_line(mission: Mission) -> str:

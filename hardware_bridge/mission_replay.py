@@ -21,7 +21,10 @@ from hardware_bridge.session import belief_arrays
 
 @dataclass(frozen=True)
 class Replayed:
-    """How far a replay went, and where it differed first, None if nowhere."""
+    """How far a replay went, and where it differed first, None if nowhere.
+
+    ``decisions`` counts those whose recorded belief was compared; a log may lack some.
+    """
 
     ticks: int
     decisions: int
@@ -42,6 +45,7 @@ def replay_mission(path: str | Path, policy: str | None = None) -> Replayed:
     deployment = load_deployment(json.loads(metadata.settings))
     mission = Mission(deployment, load_policy(asked) if asked else None, metadata.seed)
     beliefs, interventions = reader.arrays(BELIEF), list(reader.interventions())
+    recorded = next(beliefs, None)
     ticks = decisions = at = 0
     for tick in reader.ticks():
         if tick.wanted is None or tick.sent is None:
@@ -53,20 +57,20 @@ def replay_mission(path: str | Path, policy: str | None = None) -> Replayed:
         if dict(zip(mission.names, outcome.wanted, strict=True)) != tick.wanted:
             return Replayed(ticks, decisions, f"commands at {now_s:.3f} s", reader.note)
         if tuple(ours) != outcome.interventions:
+            if reader.note and tuple(ours) == outcome.interventions[: len(ours)] and at > len(interventions):
+                break  # the log was cut within this tick
             return Replayed(ticks, decisions, f"interventions at {now_s:.3f} s", reader.note)
-        if outcome.decided:
-            recorded = next(beliefs, None)
-            if recorded is None:
-                break
+        if recorded is not None and recorded[0] == now_s:  # a disk that is behind leaves beliefs out
             wrong = _different(recorded[1], belief_arrays(mission))
             if wrong:
                 return Replayed(ticks, decisions, f"belief.{wrong} at {now_s:.3f} s", reader.note)
-            decisions += 1
+            decisions, recorded = decisions + 1, next(beliefs, None)
         mission.note_sent([tick.sent.get(name, RobotCommand()) for name in mission.names])
         ticks += 1
     if ticks == 0:
         raise ConfigError("log", str(path), "a log with at least one tick")
-    return Replayed(ticks, decisions, None, reader.note)
+    more = "interventions after the last tick" if at < len(interventions) else None
+    return Replayed(ticks, decisions, more, reader.note)
 
 
 def _different(recorded: dict[str, np.ndarray], ours: dict[str, np.ndarray]) -> str | None:

@@ -48,7 +48,7 @@ def main(argv: Sequence[str]) -> int:
     """Run ``coop play``."""
     options = parse(Options, "play", argv)
     require(options.time_limit_s > 0, "time_limit_s", options.time_limit_s, "more than 0 s")
-    Console(stderr=True).print(HELP, highlight=False)
+    Console(stderr=True).print(HELP, highlight=False, soft_wrap=True)
     with tempfile.TemporaryDirectory() as folder:
         order = Order(
             team_file=_team_file(options, Path(folder)),

@@ -29,12 +29,12 @@ def connect_all(links: Mapping[str, RobotLink], cameras: Mapping[str, FrameSourc
     opened: list[RobotLink | FrameSource] = []
     try:
         for name, link in links.items():
-            identity = link.connect()
             opened.append(link)
+            identity = link.connect()
             say(f"{name}: {identity.kind} {identity.version} at {identity.address}")
         for name, camera in cameras.items():
-            found = camera.connect()
             opened.append(camera)
+            found = camera.connect()
             say(f"{name}: camera {found}")
     except BaseException:
         for part in opened:

@@ -14,6 +14,7 @@ from hardware_bridge.link import LinkError, RobotLink
 from hardware_bridge.mission import Mission, Outcome
 from hardware_bridge.mission_log_format import MissionEvent, TickTiming
 from hardware_bridge.reading import CameraFrame, Sample
+from hardware_bridge.safety.supervisor import stopped_commands
 from hardware_bridge.safety.watchdog import Watchdog
 from hardware_bridge.tick_inputs import HumanInput, KeyEvent, TickInputs
 
@@ -162,7 +163,12 @@ class Runner:
             failures=failures,
         )
         outcome = self.mission.tick(inputs)
-        sent = tuple(self.crew.send(name, safe) for name, safe in zip(self.mission.names, outcome.safe, strict=True))
+        took_s, events = self.clock.now_s() - now_s, outcome.events
+        commands = outcome.safe
+        if took_s > self.mission.deployment.safety.deadman_s:  # the policy's answer is to a question of long ago
+            commands = stopped_commands(len(commands))
+            events += (f"answer after {took_s:.2f} s, too late to be sent",)
+        sent = tuple(self.crew.send(name, safe) for name, safe in zip(self.mission.names, commands, strict=True))
         self._watchdog.feed()
         self.mission.note_sent(sent)
         for robot in outcome.undock:
@@ -173,5 +179,5 @@ class Runner:
         latency_s = None if newest_s is None else self.clock.now_s() - newest_s
         timing = TickTiming(now_s, now_s - due_s, time.monotonic() - began_s, latency_s)
         left = [MissionEvent(now_s, "left", text, name) for name, text in failures.items()]
-        told = [MissionEvent(now_s, "policy", text) for text in outcome.events]
+        told = [MissionEvent(now_s, "policy", text) for text in events]
         return Tick(inputs, outcome, sent, timing, (*left, *told))

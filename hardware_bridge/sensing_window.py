@@ -76,10 +76,11 @@ class SensingWindow:
             self._frames[i] = [frame for frame in frames if frame.host_s > late_s]
 
     def _pick_spots(self, robot: int, start_s: float, edges_s: NDArray[np.float64]) -> None:
-        out, tick_s = self._out, (edges_s[-1] - start_s) / len(edges_s)
+        out, late_s = self._out, LATE_SHARE * (edges_s[-1] - start_s) / len(edges_s)
+        ends = np.array([start_s, *edges_s]) + late_s
         out["spot_sigma"][robot] = 0.0
         for frame in self._frames[robot]:
-            t = math.ceil((frame.host_s - start_s) / tick_s - LATE_SHARE) - 1
+            t = int(np.searchsorted(ends, frame.host_s)) - 1
             if frame.spot is not None and 0 <= t < len(edges_s):
                 u, v, sigma = frame.spot
                 out["spot"][robot, t], out["spot_sigma"][robot, t] = (u, v), sigma

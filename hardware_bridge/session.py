@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from coop_envs.device import prepare
+from coop_envs.errors import require
 from coop_envs.geometry.arrays import to_numpy
 from coop_envs.policy import Policy
 from coop_envs.recording.log_format import MEASUREMENTS
@@ -23,7 +25,7 @@ from hardware_bridge.clocks import LockstepClock, MissionClock, WallClock
 from hardware_bridge.deployment import Deployment, load_deployment
 from hardware_bridge.dry_link import DryLink
 from hardware_bridge.emulation import EmulationProcess, SimulatedOperator
-from hardware_bridge.link import RobotLink
+from hardware_bridge.link import LinkError, RobotLink
 from hardware_bridge.mission import DEVICE, Mission
 from hardware_bridge.mission_frame import mission_frame, mission_world
 from hardware_bridge.mission_log import MissionLog
@@ -121,8 +123,9 @@ class Session:
         """Until it ends; the robots stand afterwards."""
         self.tally.ended = self.runner.run()
         if self.emulation is not None:
-            self.tally.truth = self.emulation.truth()
             self.tally.belief_xy = self.mission.belief.position.numpy()[0, :, :2].tolist()
+            with suppress(LinkError):  # an emulation that has died takes the truth with it, not the mission's account
+                self.tally.truth = self.emulation.truth()
         return self.tally
 
 
@@ -141,8 +144,10 @@ def prepared(
         CoopError: whatever is wrong, before anything moves.
     """
     prepare(DEVICE)
-    text = order.team_file.read_text() if order.team_file.is_file() else ""
     deployment = load_deployment(order.team_file)
+    text = order.team_file.read_text(encoding="utf-8")
+    if order.log is not None:
+        check_path(order.log)
     with ExitStack() as stack:
         emulation: EmulationProcess | None = None
         lockstep = False
@@ -157,7 +162,7 @@ def prepared(
         tick_s = deployment.rates.tick_s
         clock: MissionClock = WallClock()
         if emulation is not None and lockstep:
-            clock = LockstepClock(SimulatorClient(emulation.address), tick_s)
+            clock = LockstepClock(stack.enter_context(closing(SimulatorClient(emulation.address))), tick_s)
         links, cameras = make_crew(deployment, emulation.address if emulation else None, clock.now_s)
         if order.dry_run:
             links = {name: DryLink(link) for name, link in links.items()}
@@ -181,10 +186,24 @@ def prepared(
             if watch is not None:
                 watch(mission, tick)
 
-        operator: Operator = SimulatedOperator(emulation.address) if emulation else People(say)
+        operator: Operator = People(say)
+        if emulation is not None:
+            operator = stack.enter_context(closing(SimulatedOperator(emulation.address)))
         driver = person(deployment) if person else None
         runner = Runner(mission, crew, clock, operator, watchdog, person=driver, watch=seen, stopped=stopped)
         yield Session(mission, runner, clock, emulation, tally)
+
+
+def check_path(log: Path) -> None:
+    """Refuse a log's path before anything is started; nothing is written yet.
+
+    Raises:
+        ConfigError: another suffix than .mcap, or a folder that cannot be made or written to.
+    """
+    require(log.suffix == ".mcap", "log", str(log), "a path that ends in .mcap")
+    folder = next(folder for folder in log.absolute().parents if folder.exists())
+    fits = folder.is_dir() and os.access(folder, os.W_OK) and not log.is_dir()
+    require(fits, "log", str(log), "a path that can be written to")
 
 
 class People:
@@ -227,7 +246,7 @@ def belief_arrays(mission: Mission) -> dict[str, Any]:
     return to_numpy(mission.belief) | {"map_sha256": np.frombuffer(digest.digest(), dtype=np.uint8)}
 
 
-def _rest(links: dict[str, RobotLink]) -> None:
+def _rest(links: Mapping[str, RobotLink]) -> None:
     for link, still in zip(links.values(), stopped_commands(len(links)), strict=True):
         link.send(still)
 

@@ -44,6 +44,7 @@ class SimulatorClient:
         Raises:
             LinkError: no answer, or an error as answer.
         """
+        self.poll()  # an answer to an earlier question that was asked twice is no answer to this one
         end = time.monotonic() + timeout_s
         while time.monotonic() < end:
             self.send(question)

@@ -23,6 +23,8 @@ CONTINUED_S = 0.1
 KEPT = 512
 
 Vector = NDArray[np.float64]
+AT_REST: Vector = np.array([0.0, 0.0, 0.0, 0.0, 0.0, GRAVITY, 0.0, 0.0])
+"""Gyro (rad/s), specific force (m/s^2) and wheels (rad/s) of a robot that stands on level ground."""
 
 
 class Track:
@@ -33,31 +35,26 @@ class Track:
         self._clock = ClockAlignment()
         self._times: deque[float] = deque(maxlen=KEPT)
         self._integrals: deque[Vector] = deque(maxlen=KEPT)
-        self._rate = np.array([0.0, 0.0, 0.0, 0.0, 0.0, GRAVITY, 0.0, 0.0])
+        self._rate = AT_REST
         self._edge: Vector | None = None
         self._angles: tuple[float, float] | None = None
         self.voltage_v: float | None = None
         self.heard_s = -math.inf
-        """When the newest sample arrived, on the host's clock."""
-
-    @property
-    def jumps(self) -> int:
-        """How often the robot's clock jumped."""
-        return self._clock.jumps
+        """When the newest sample arrived, on the host's clock; an old one sent again is no sign of life."""
 
     def add(self, sample: Sample) -> None:
         """Take in a sample; one that is older than the newest is dropped, for its time has been counted."""
-        self.heard_s = max(self.heard_s, sample.host_s)
-        self.voltage_v = sample.voltage_v if sample.voltage_v is not None else self.voltage_v
         jumps = self._clock.jumps
         at = sample.host_s if sample.device_s is None else self._clock.align(sample.host_s, sample.device_s)
         if self._clock.jumps != jumps:
             self._angles = None
         if self._times and at <= self._times[-1]:
             return
+        self.heard_s = max(self.heard_s, sample.host_s)
+        self.voltage_v = sample.voltage_v if sample.voltage_v is not None else self.voltage_v
         dt = at - self._times[-1] if self._times else 0.0
         self._rate = self._rates(sample, dt)
-        before = self._integrals[-1] if self._integrals else np.zeros(8)
+        before = self._integrals[-1] if self._integrals else AT_REST * at
         self._times.append(at)
         self._integrals.append(before + self._rate * dt)
         self._angles = sample.angles_rad
@@ -85,19 +82,16 @@ class Track:
         return rates[:, :3], rates[:, 3:6], lengths @ rates[:, 6:] / lengths.sum()
 
     def _integral(self, at: float) -> Vector:
-        if not self._times:
-            return self._rate * 0.0 + np.array([0.0, 0.0, 0.0, 0.0, 0.0, GRAVITY, 0.0, 0.0]) * at
+        """Of the signal from time 0 on; before the first sample, and long after the last, the robot is at rest."""
         times = self._times
+        if not times:
+            return AT_REST * at
         if at >= times[-1]:
-            return self._integrals[-1] + self._rate * min(at - times[-1], CONTINUED_S) + _still(at - times[-1])
+            past_s = at - times[-1]
+            continued_s = min(past_s, CONTINUED_S)
+            return self._integrals[-1] + self._rate * continued_s + AT_REST * (past_s - continued_s)
         if at <= times[0]:
-            return self._integrals[0] + _still(at - times[0], 0.0)
+            return self._integrals[0] + AT_REST * (at - times[0])
         k = int(np.searchsorted(np.asarray(times), at))
         share = (at - times[k - 1]) / (times[k] - times[k - 1])
         return self._integrals[k - 1] + share * (self._integrals[k] - self._integrals[k - 1])
-
-
-def _still(past_s: float, continued_s: float = CONTINUED_S) -> Vector:
-    """What a robot at rest adds to the integrals in the time past the last sample that is not continued."""
-    rest_s = past_s if continued_s == 0.0 else max(past_s - continued_s, 0.0)
-    return np.array([0.0, 0.0, 0.0, 0.0, 0.0, GRAVITY, 0.0, 0.0]) * rest_s

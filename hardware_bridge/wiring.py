@@ -56,10 +56,11 @@ def make_crew(
     """Links and cameras of the whole team, by agent name."""
     links: dict[str, RobotLink] = {}
     cameras: dict[str, FrameSource] = {}
+    wired = [deployment.robots[member.name].link for member in deployment.team.members]
+    served = ((link.host, link.port) for link in wired if isinstance(link, SimulatorUdpSettings))
+    simulator = simulator or next(served, None)
     for i, member in enumerate(deployment.team.members):
         wiring = deployment.robots[member.name]
-        if isinstance(wiring.link, SimulatorUdpSettings):
-            simulator = (wiring.link.host, wiring.link.port)
         links[member.name] = make_link(member, wiring.link, now)
         if wiring.camera is not None:
             cameras[member.name] = make_camera(member, i, wiring.camera, simulator, now)

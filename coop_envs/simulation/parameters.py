@@ -57,6 +57,7 @@ class RobotModel:
     marker_sum: float
     leds: int
     reserve: int
+    radio_imu: int
     gyro_noise: float
     accel_noise: float
     moving_gyro_noise: float
@@ -112,7 +113,7 @@ def robot_model(member: Member) -> RobotModel:
     model.battery, model.idle_power = robot.battery.energy_j, robot.power.robot[3][3]
     model.marker_sum = marker_sum(member.hat)
     model.leds = len(member.hat.leds) if member.hat else 0
-    model.reserve = int(member.reserve)
+    model.reserve, model.radio_imu = int(member.reserve), int(robot.radio_imu)
     model.gyro_noise, model.accel_noise = imu.gyro_noise_rad_s_rthz, imu.accel_noise_m_s2_rthz
     model.moving_gyro_noise = imu.moving_gyro_noise_rad_s_rthz
     model.moving_accel_noise = imu.moving_accel_noise_m_s2_rthz

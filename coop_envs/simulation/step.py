@@ -145,6 +145,15 @@ def end_tick(
         state.wheels[b, r] = wp.vec2(0.0, 0.0)
 
 
+@wp.func
+def turn_as_wheels(out: Measurements, model: RobotModel, b: int, r: int):
+    """What the host holds for the IMU of a robot whose radio carries none."""
+    rim = out.wheels[b, r] * model.wheel_radius
+    for t in range(out.gyro.shape[2]):
+        out.gyro[b, r, t] = wp.vec3(0.0, 0.0, (rim[1] - rim[0]) / model.track)
+        out.accel[b, r, t] = wp.vec3(0.0, 0.0, GRAVITY)
+
+
 @wp.kernel
 def advance(
     state: State, command: Command, out: Measurements, robots: wp.array[RobotModel], lasers: wp.array[LaserModel],
@@ -176,6 +185,8 @@ def advance(
         status = state.status[b, r]
         jitter = normal2(draw_key(state.key[b], state.tick[b], r, ENCODER_CHANNEL)) * model.odometry_noise
         out.wheels[b, r] = out.wheels[b, r] + wp.cw_mul(out.wheels[b, r], jitter)
+        if model.radio_imu == 0:
+            turn_as_wheels(out, model, b, r)
         out.battery[b, r] = wp.max(1.0 - float(spent[0] + spent[1] + spent[2] + spent[3]) / model.battery, 0.0)
         out.docked[b, r] = int(status == DOCKED)
         out.heard[b, r] = int(status != SWALLOWED and status != DEPLETED and state.collected[b, r] == 0)

@@ -2,8 +2,9 @@
 
 Starts a simulator, one process of firmware for each robot of the team file, and a roscore where one is needed and none
 runs. When all can be reached it prints one line of JSON, `EmulatedTeam.ready`. Lines of JSON on its standard input
-break things: ``{"robot": "picket_0", "fault": "freeze"}`` (see `quirks.FaultCommand`), ``{"robot": "picket_0",
-"kill": true}``, ``{"kill_roscore": true}``. It ends with its input.
+break things: ``{"robot": "picket_0", "fault": "freeze"}`` (see `quirks.FaultCommand`; a robot without firmware knows
+freeze, silent and garbage), ``{"robot": "picket_0", "kill": true}``, ``{"robot": "picket_0", "camera": false}``,
+``{"kill_roscore": true}``. It ends with its input.
 """
 
 from __future__ import annotations
@@ -14,19 +15,23 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 import urllib.parse
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
 
 from coop_envs.cli import guarded
-from coop_envs.errors import ConfigError, CoopError
+from coop_envs.errors import ConfigError, CoopError, require
 from coop_envs.scenario import load_scenario
+from coop_envs.validation import known, validated
 from hardware_bridge.cameras.ros1_camera import Ros1CameraSettings
 from hardware_bridge.deployment import Deployment, Emulation, load_deployment
 from hardware_bridge.emulators.emulated_world import EmulatedWorld
+from hardware_bridge.emulators.quirks import Quirks
 from hardware_bridge.emulators.simulator import SimulatorServer
 from hardware_bridge.link import LinkError
 from hardware_bridge.links.simulator_udp import SimulatorUdpSettings
@@ -43,6 +48,7 @@ class EmulatedTeam:
     """The processes of an emulated team."""
 
     def __init__(self, deployment: Deployment, emulation: Emulation) -> None:
+        _check_quirks(deployment, emulation)
         scenario = load_scenario(emulation.scenario, team=deployment.team, fidelity="features", **emulation.overrides)
         world = EmulatedWorld(scenario, emulation.split, emulation.world, emulation.seed)
         self._deployment, self._emulation = deployment, emulation
@@ -51,7 +57,8 @@ class EmulatedTeam:
         self._thread = threading.Thread(target=self._server.serve, args=(self._stop.is_set,), daemon=True)
         self._robots: dict[str, Process] = {}
         self._roscore: Process | None = None
-        self._site = world.site()
+        self._world, self._site = world, world.site()
+        self._ports = tempfile.TemporaryDirectory(prefix="coop_ports_")
 
     def start(self) -> dict[str, Any]:
         """Start everything; what the host has to know.
@@ -79,9 +86,10 @@ class EmulatedTeam:
             wiring = self._deployment.robots[member.name]
             match wiring.link:
                 case ZumySerialSettings():
-                    command = _module("zumy_firmware")
+                    command = [*_module("zumy_firmware"), *self._port_link(member.name)]
                 case VelociroachSettings() as link:
-                    command = [*_module("velociroach_firmware"), "--address", hex(link.address)]
+                    command = [*_module("velociroach_firmware"), *self._port_link(member.name)]
+                    command += ["--address", hex(link.address)]
                     command += ["--hat", str(link.hat_brightness)]
                 case ZumyRos1Settings() as link:
                     command = [*_module("zumy_ros1"), "--master", link.master, "--namespace", link.namespace]
@@ -91,6 +99,10 @@ class EmulatedTeam:
                     command = None
             found[member.name] = command
         return found
+
+    def _port_link(self, name: str) -> list[str]:
+        """A name for the port that stays when it is unplugged and plugged in again."""
+        return ["--port-link", str(Path(self._ports.name) / name)]
 
     def _common(self, name: str, robot: int) -> list[str]:
         host, port = self._server.address
@@ -106,12 +118,16 @@ class EmulatedTeam:
             ConfigError: there is no such thing to break.
         """
         if message.get("kill_roscore") and self._roscore is not None:
-            self._roscore.send_signal(signal.SIGKILL)
+            _kill_family(self._roscore)
             return
-        process = self._robots.get(str(message.get("robot")))
-        if process is None or process.stdin is None:
-            raise ConfigError("robot", message.get("robot"), f"one with firmware: {', '.join(self._robots)}")
-        if message.get("kill"):
+        names = [member.name for member in self._deployment.team.members]
+        name = known(str(message.get("robot")), names, "robot", "one of the team")
+        robot, process = names.index(name), self._robots.get(name)
+        if "camera" in message:
+            (self._world.blind.discard if message["camera"] else self._world.blind.add)(robot)
+        elif process is None or process.stdin is None:
+            self._server.begin(robot, str(message.get("fault")))
+        elif message.get("kill"):
             process.kill()
         else:
             process.stdin.write(json.dumps({k: v for k, v in message.items() if k != "robot"}) + "\n")
@@ -128,6 +144,14 @@ class EmulatedTeam:
                 process.wait(3.0)
             except subprocess.TimeoutExpired:
                 process.kill()
+        self._ports.cleanup()
+
+
+def _check_quirks(deployment: Deployment, emulation: Emulation) -> None:
+    for name, values in emulation.quirks.items():
+        validated(Quirks, values, f"emulation.quirks.{name}")
+        plain = name != "all" and isinstance(deployment.robots[name].link, SimulatorUdpSettings)
+        require(not plain, f"emulation.quirks.{name}", values, "none: a link of kind simulator has no firmware")
 
 
 def _module(name: str) -> list[str]:
@@ -178,6 +202,14 @@ def _roscore(master: str) -> Process | None:
         time.sleep(0.1)
     process.kill()
     raise CoopError(f"roscore: got no answer at {master}, expected one that starts")
+
+
+def _kill_family(process: Process) -> None:
+    """Kill a process and its children at once: roscore's are in sessions of their own, and would live on."""
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    process.kill()
+    for child in children:
+        os.kill(int(child), signal.SIGKILL)
 
 
 def _answers(master: str) -> bool:

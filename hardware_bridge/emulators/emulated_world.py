@@ -70,8 +70,11 @@ class EmulatedWorld:
         key = np.array([team_key(seed, 0)], dtype=np.uint64)
         self._batch.place(np.ones(1, dtype=np.int32), key, np.zeros(1, dtype=np.int32))
         self.set_points = [SetPoints() for _ in scenario.team.members]
+        self.blind: set[int] = set()
+        """Robots whose cameras give no frames."""
         self.tick = 0
         self._angles = np.zeros((len(scenario.team.members), 2))
+        self._spent_j = self._power_w = np.zeros(len(scenario.team.members))
         command = self._batch.command
         self._wheels, self._brightness = command.wheels.numpy()[0], command.brightness.numpy()[0]
         self._laser, self._galvo = command.laser.numpy()[0, :, 0], command.galvo.numpy()[0, :, 0]
@@ -91,7 +94,8 @@ class EmulatedWorld:
     def operate(self, message: Datagram) -> None:
         """What people do: put reserves down at the dock, take lost robots away; for good."""
         for name, flags in (("undock", self._undock), ("collect", self._collect)):
-            for robot in message.get(name) or ():
+            named = message.get(name)
+            for robot in named if isinstance(named, list) else ():
                 if isinstance(robot, int) and 0 <= robot < len(flags):
                     flags[robot] = 1
 
@@ -104,11 +108,13 @@ class EmulatedWorld:
         self.tick += 1
         self._angles += self._batch.measurements.wheels.numpy()[0] * self.tick_s
         self._powered = self._batch.measurements.heard.numpy()[0] == 1
+        spent_j = self._batch.state.energy.numpy()[0].sum(axis=1)
+        self._power_w, self._spent_j = (spent_j - self._spent_j) / self.tick_s, spent_j
 
     def state_of(self, robot: int) -> Datagram:
         """What one robot's sensors say now."""
         out, member = self._batch.measurements, self.scenario.team.members[robot]
-        sees = member.camera is not None and bool(self._powered[robot])
+        sees = member.camera is not None and bool(self._powered[robot]) and robot not in self.blind
         return {
             "kind": "state",
             "robot": robot,
@@ -121,17 +127,12 @@ class EmulatedWorld:
             "angles": self._angles[robot].tolist(),
             "wheels": out.wheels.numpy()[0, robot].tolist(),
             "voltage": voltage_v(member.robot.battery, float(out.battery.numpy()[0, robot])),
-            "current": self._current_a(robot),
+            "current": float(self._power_w[robot]) / member.robot.battery.voltage_v,
             "brightness": self.set_points[robot].brightness,
             "blobs": self._blobs(robot) if sees else None,
             "spot": self._spot(robot) if sees else None,
             "stamp": float(out.spot_stamp.numpy()[0, robot, 0]),
         }
-
-    def _current_a(self, robot: int) -> float:
-        spent = self._batch.state.energy.numpy()[0, robot].sum()
-        battery = self.scenario.team.members[robot].robot.battery
-        return float(spent / max(self.tick * self.tick_s, self.tick_s) / battery.voltage_v)
 
     def _blobs(self, robot: int) -> list[list[float]]:
         seen = self._batch.physics.features
@@ -154,9 +155,14 @@ class EmulatedWorld:
             "hue_tolerance_deg": sensing.hue_tolerance_deg,
             "min_leds": sensing.min_leds,
         }
-        limits = {"time_limit_s": self._settings.time_limit_s, "map_shape": list(self._settings.map_shape)}
-        task = {"goal_known": self.scenario.task.success == "goal", "collects_lost": self.scenario.task.collect_lost}
-        return {"plan": plan, **settings, "seeing": seeing, **limits, **task}
+        return {
+            "plan": plan,
+            **settings,
+            "seeing": seeing,
+            "time_limit_s": self._settings.time_limit_s,
+            "map_shape": list(self._settings.map_shape),
+            "collects_lost": self.scenario.task.collect_lost,
+        }
 
     def truth(self) -> Datagram:
         """Where the robots really are, in the team frame of the start, for judges."""

@@ -6,6 +6,8 @@ waits to be asked, so that hours pass in minutes and nothing depends on how busy
 
 from __future__ import annotations
 
+import contextlib
+import random
 import select
 import socket
 import time
@@ -30,6 +32,7 @@ class SimulatorServer:
         self._socket.bind(("127.0.0.1", port))
         self._listeners: dict[Address, int] = {}
         self._told: set[int] = set()
+        self._faults: dict[int, str] = {}
         self._target: tuple[int, Address] | None = None
 
     @property
@@ -39,7 +42,11 @@ class SimulatorServer:
         return host, port
 
     def serve(self, stopped: Callable[[], bool]) -> None:
-        """Run until stopped."""
+        """Run until stopped, then let go of the socket."""
+        with self._socket:
+            self._serve(stopped)
+
+    def _serve(self, stopped: Callable[[], bool]) -> None:
         due = time.monotonic() + self.world.tick_s
         asked_at = 0.0
         while not stopped():
@@ -56,6 +63,10 @@ class SimulatorServer:
                     self._step()
                     due = max(due + self.world.tick_s, time.monotonic() - 3 * self.world.tick_s)
 
+    def begin(self, robot: int, fault: str) -> None:
+        """Begin a fault of a robot that has no firmware of its own: freeze, silent, garbage; any other heals it."""
+        self._faults[robot] = fault
+
     def _may_step(self, asked_at: float) -> bool:
         waiting = {r for r in set(self._listeners.values()) if self.world.powered[r]} - self._told
         return not waiting or time.monotonic() - asked_at > COMMANDS_S
@@ -68,7 +79,7 @@ class SimulatorServer:
             asked_at = time.monotonic()
         if self.world.tick >= tick:
             self._target = None
-            self._socket.sendto(encode({"kind": "advanced", "tick": self.world.tick}), asker)
+            self._answer(asker, {"kind": "advanced", "tick": self.world.tick})
         return asked_at
 
     def _step(self) -> None:
@@ -76,9 +87,13 @@ class SimulatorServer:
         self._told.clear()
         states: dict[int, bytes] = {}
         for address, robot in self._listeners.items():
+            fault = self._faults.get(robot)
+            if fault in ("freeze", "silent"):
+                continue
             if robot not in states:
-                states[robot] = encode(self.world.state_of(robot))
-            self._socket.sendto(states[robot], address)
+                garbage = fault == "garbage"
+                states[robot] = random.randbytes(100) if garbage else encode(self.world.state_of(robot))
+            self._send(states[robot], address)
 
     def _listen(self, timeout_s: float) -> None:
         """Take in every message that comes until the time is over, or, in lock-step, until one came."""
@@ -95,12 +110,13 @@ class SimulatorServer:
                 return
 
     def _take(self, message: Datagram, sender: Address) -> None:
-        kind, robot = message["kind"], message.get("robot")
-        known = isinstance(robot, int) and 0 <= robot < len(self.world.set_points)
-        if kind == "set" and known:
-            self.world.set_points[robot].take(message)
+        kind, named = message["kind"], message.get("robot")
+        robot = named if isinstance(named, int) and 0 <= named < len(self.world.set_points) else None
+        if kind == "set" and robot is not None:
+            if self._faults.get(robot) != "freeze":
+                self.world.set_points[robot].take(message)
             self._told.add(robot)
-        elif kind == "hello" and (robot is None or known):
+        elif kind == "hello" and named == robot:
             if robot is not None:
                 self._listeners[sender] = robot
             self._answer(sender, self._welcome(robot))
@@ -111,11 +127,16 @@ class SimulatorServer:
         elif kind == "truth":
             self._answer(sender, self.world.truth())
         else:
-            self._answer(sender, {"kind": "error", "text": f"{kind}: got robot {robot}, expected one of the team"})
+            self._answer(sender, {"kind": "error", "text": f"{kind}: got robot {named}, expected one of the team"})
 
     def _welcome(self, robot: int | None) -> dict[str, Any]:
         name = None if robot is None else self.world.scenario.team.members[robot].name
         return {"kind": "welcome", "robot": robot, "name": name, "tick": self.world.tick, "tick_s": self.world.tick_s}
 
     def _answer(self, to: Address, message: Datagram) -> None:
-        self._socket.sendto(encode(message), to)
+        self._send(encode(message), to)
+
+    def _send(self, data: bytes, to: Address) -> None:
+        """What cannot be sent is lost, as on any network."""
+        with contextlib.suppress(OSError):
+            self._socket.sendto(data, to)

@@ -9,10 +9,8 @@ Source: `ros_zumy` [packet] ``zumy_ros_bridge.py``; [master] for ``cmd_vel``.
 
 from __future__ import annotations
 
-import colorsys
-import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -24,7 +22,8 @@ from hardware_bridge.command import RobotCommand, SafeCommand, checked_safe
 from hardware_bridge.link import Identity, LinkError, Now
 from hardware_bridge.links.laser_service import LaserService
 from hardware_bridge.links.zumy_reports import Reports
-from hardware_bridge.protocols.zumy_packets import LASER_DUTIES, LEDS, MAX_WHEEL_RAD_S
+from hardware_bridge.links.zumy_set_points import colours, sendable
+from hardware_bridge.protocols.zumy_packets import LEDS
 from hardware_bridge.reading import Pair, Sample
 
 COMMAND_TOPICS = {"packet": "command", "master": "cmd_vel"}
@@ -213,33 +212,8 @@ class ZumyRos1Link:
         self.reports.imu(device_s, (gyro.x, gyro.y, gyro.z), (accel.x, accel.y, accel.z))
 
 
-def sendable(wanted: RobotCommand, lit: bool) -> tuple[RobotCommand, float]:
-    """What the robot will really do, and the laser level 0..1 that makes it.
-
-    The firmware's wheels end at 50 rad/s, its LEDs have 8 bits a channel (and are dark without a hat, whose colours
-    they would show), its laser four duties, of which the next lower is taken, its mirror counts 16 bits.
-    """
-    finite = all(math.isfinite(w) for w in wanted.wheels_rad_s)
-    left, right = (_clipped(w, MAX_WHEEL_RAD_S) for w in (wanted.wheels_rad_s if finite else (0.0, 0.0)))
-    step = sum(wanted.laser >= duty - 1e-6 for duty in LASER_DUTIES[1:])
-    brightness = round(min(max(wanted.brightness, 0.0), 1.0) * 255) / 255 if lit else 0.0
-    across, up = (int(_clipped(count, GALVO_LIMIT)) for count in wanted.galvo)
-    return RobotCommand((left, right), brightness, LASER_DUTIES[step], (across, up)), step / (len(LASER_DUTIES) - 1)
-
-
 def twist_of(wheels_rad_s: Pair, robot: RobotSpecification) -> Pair:
     """(v, omega) in m/s and rad/s at which the node turns the wheels so: l, r = (v -/+ omega d/2) / radius."""
     left, right = wheels_rad_s
     radius_m = robot.wheel_radius_m
     return radius_m * (left + right) / 2, radius_m * (right - left) / robot.track_m
-
-
-def colours(hues_deg: Sequence[float], brightness: float) -> list[int]:
-    """0xRRGGBB of the six LEDs: a hat's pure hues, dimmed; those beyond the hat are dark."""
-    lit = [colorsys.hsv_to_rgb(hue / 360 % 1, 1.0, brightness) for hue in hues_deg]
-    packed = [sum(round(255 * part) << shift for part, shift in zip(rgb, (16, 8, 0), strict=True)) for rgb in lit]
-    return packed + [0] * (LEDS - len(packed))
-
-
-def _clipped(value: float, limit: float) -> float:
-    return min(max(value, -limit), limit)

@@ -41,12 +41,18 @@ def decode(data: bytes) -> Datagram | None:
         message = json.loads(data)
     except (ValueError, RecursionError):
         return None
-    return message if isinstance(message, dict) and message.get("kind") in KINDS else None
+    kind = message.get("kind") if isinstance(message, dict) else None
+    return message if isinstance(kind, str) and kind in KINDS else None
 
 
 def numbers(value: Any, count: int) -> tuple[float, ...] | None:
     """So many finite numbers, None for anything else."""
     if not isinstance(value, list) or len(value) != count:
         return None
-    plain = all(isinstance(v, int | float) and not isinstance(v, bool) for v in value)
-    return tuple(float(v) for v in value) if plain and all(math.isfinite(v) for v in value) else None
+    if not all(isinstance(v, int | float) and not isinstance(v, bool) for v in value):
+        return None
+    try:
+        plain = tuple(float(v) for v in value)
+    except OverflowError:
+        return None
+    return plain if all(math.isfinite(v) for v in plain) else None
