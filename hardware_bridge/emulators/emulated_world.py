@@ -24,6 +24,8 @@ from hardware_bridge.battery import voltage_v
 from hardware_bridge.protocols.datagrams import Datagram, numbers
 
 DEVICE = "cpu"
+MOST_RAD_S, MOST_COUNTS = 1000.0, 32767.0
+"""Beyond what any wheel turns, and what fits the 16 bits that a mirror's counts have on the wire."""
 
 
 @dataclass
@@ -37,14 +39,16 @@ class SetPoints:
 
     def take(self, message: Datagram) -> None:
         """Take what can be used of a "set" message; a move that comes before the last was begun is dropped."""
-        self.wheels = numbers(message.get("wheels"), 2) or self.wheels
+        wheels = numbers(message.get("wheels"), 2)
+        if wheels is not None:
+            self.wheels = tuple(min(max(speed, -MOST_RAD_S), MOST_RAD_S) for speed in wheels)
         for name in ("brightness", "laser"):
             value = numbers([message.get(name)], 1)
             if value is not None:
                 setattr(self, name, min(max(value[0], 0.0), 1.0))
         counts = numbers(message.get("galvo"), 2)
         if counts is not None and self.galvo == (0.0, 0.0):
-            self.galvo = counts
+            self.galvo = tuple(min(max(count, -MOST_COUNTS), MOST_COUNTS) for count in counts)
 
 
 class EmulatedWorld:

@@ -92,7 +92,7 @@ class Campaign:
         host, emulation = self._there()
         match fault.kind:
             case kind if kind in POLICY:
-                host.policy.hangs_since, host.policy.way = None, kind
+                host.policy.way = kind
             case "blind":
                 for name in host.names:
                     emulation.tell({"robot": name, "camera": False})
@@ -182,7 +182,7 @@ class Campaign:
                 self._host.start()
             elif not self._until(lambda stands: stands[i], 2.0):
                 wrong.append(f"{fault.robot}: does not obey after it hears again")
-        host.policy.rest = False
+        host.policy.rest, host.policy.hangs_since = False, None
         return wrong
 
     def _until(self, condition, patience_s: float) -> bool:

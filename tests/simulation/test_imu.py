@@ -134,3 +134,16 @@ def test_an_imu_without_noise_repeats_itself():
     physics = physics_of(team_of(calm(ZUMY)), teams=2)
     gyro, accel = record(physics, 0.4)
     assert np.ptp(gyro) == 0.0 and np.all(accel == accel[0, 0])
+
+
+def test_a_robot_without_imu_on_its_radio_seems_to_turn_as_its_wheels_do():
+    robot = replace(calm(ZUMY), slip=0.3, slip_time_s=1e6, radio_imu=False)
+    physics = physics_of(team_of(robot))
+    command(physics, robot, 0.2, 1.0)
+    run(physics, 2.0)
+    before = float(physics.state.yaw.numpy()[0, 0])
+    gyro, accel = record(physics, 1.0)
+    np.testing.assert_allclose(gyro[0], np.tile([0.0, 0.0, 1.0], (30, 1)), atol=1e-4)
+    np.testing.assert_allclose(accel[0], np.tile(G, (30, 1)))
+    turned = float(physics.state.yaw.numpy()[0, 0]) - before
+    assert abs(turned - 1.0) > 0.02, "tracks that slip turn the robot otherwise"
