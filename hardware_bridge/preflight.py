@@ -12,7 +12,7 @@ from hardware_bridge.cameras.source import FrameSource
 from hardware_bridge.clocks import MissionClock
 from hardware_bridge.deployment import Deployment
 from hardware_bridge.link import RobotLink
-from hardware_bridge.reading import Sample
+from hardware_bridge.reading import CameraFrame, Sample
 
 LISTEN_S = 0.4
 GRAVITY, GRAVITY_TOLERANCE = 9.81, 1.5
@@ -43,15 +43,20 @@ def connect_all(links: Mapping[str, RobotLink], cameras: Mapping[str, FrameSourc
 
 
 def listen(
-    deployment: Deployment, links: Mapping[str, RobotLink], clock: MissionClock, send_rest: Callable[[], object]
-) -> None:
-    """Listen to the robots at rest for a moment, and refuse what makes no sense.
+    deployment: Deployment,
+    links: Mapping[str, RobotLink],
+    cameras: Mapping[str, FrameSource],
+    clock: MissionClock,
+    send_rest: Callable[[], object],
+) -> dict[str, list[CameraFrame]]:
+    """Listen to the robots at rest for a moment, and refuse what makes no sense; what the cameras saw meanwhile.
 
     ``send_rest`` tells everybody to stand, every tick. Robots without an IMU on their radio are only asked to report.
 
     Raises:
         ConfigError: a robot that is silent, moves, lies on its side, or is short of charge.
     """
+    frames: dict[str, list[CameraFrame]] = {name: [] for name in cameras}
     heard: dict[str, list[Sample]] = {name: [] for name in links}
     tick_s, due_s = deployment.rates.tick_s, clock.now_s()
     for _ in range(round(LISTEN_S / tick_s)):
@@ -60,6 +65,8 @@ def listen(
         clock.wait_until(due_s)
         for name, link in links.items():
             heard[name] += link.read()
+        for name, camera in cameras.items():
+            frames[name] += camera.read()
     for member in deployment.team.members:
         if member.reserve:
             continue
@@ -67,6 +74,7 @@ def listen(
         for field, value, expected, good in _findings(heard[member.name], floor, member.robot.battery):
             if not good:
                 raise ConfigError(f"robots.{member.name}.{field}", value, expected)
+    return frames
 
 
 def _findings(samples: list[Sample], floor: float, battery: Battery) -> list[tuple[str, object, str, bool]]:

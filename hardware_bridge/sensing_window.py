@@ -44,8 +44,8 @@ class SensingWindow:
                 self._newest_frame_s = max(self._newest_frame_s, frame.host_s)
 
     def sample_age_s(self, robot: int, now_s: float) -> float:
-        """Time since the robot's last report."""
-        return max(now_s - self.tracks[robot].heard_s, 0.0)
+        """Time since the robot's last report was taken; on a line that delays everything it stays long."""
+        return max(now_s - self.tracks[robot].taken_s, 0.0)
 
     def frame_age_s(self, now_s: float) -> float:
         """Time since the last frame of any camera."""

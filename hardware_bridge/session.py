@@ -30,6 +30,7 @@ from hardware_bridge.mission import DEVICE, Mission
 from hardware_bridge.mission_frame import mission_frame, mission_world
 from hardware_bridge.mission_log import MissionLog
 from hardware_bridge.mission_log_format import BELIEF, MissionMetadata
+from hardware_bridge.placement import check_places
 from hardware_bridge.preflight import connect_all, listen
 from hardware_bridge.runner import Crew, Operator, Person, Runner, Tick
 from hardware_bridge.safety import stopped_commands
@@ -39,6 +40,7 @@ from hardware_bridge.wiring import make_crew
 
 WATCHDOG_S = 0.25
 LOCKSTEP_WATCHDOG_S = 2.0
+REST_BRIGHTNESS = 0.5
 Say = Callable[[str], object]
 
 
@@ -169,7 +171,9 @@ def prepared(
         connect_all(links, cameras, say)
         crew = Crew(dict(links), dict(cameras))
         stack.callback(crew.close)
-        listen(deployment, links, clock, lambda: _rest(links))
+        frames = listen(deployment, links, cameras, clock, lambda: _rest(links))
+        for line in check_places(deployment, frames):
+            say(line)
         say("every robot answers, stands and makes sense")
         log = None
         if order.log is not None:
@@ -247,7 +251,7 @@ def belief_arrays(mission: Mission) -> dict[str, Any]:
 
 
 def _rest(links: Mapping[str, RobotLink]) -> None:
-    for link, still in zip(links.values(), stopped_commands(len(links)), strict=True):
+    for link, still in zip(links.values(), stopped_commands(len(links), REST_BRIGHTNESS), strict=True):
         link.send(still)
 
 

@@ -42,6 +42,11 @@ class Track:
         self.heard_s = -math.inf
         """When the newest sample arrived, on the host's clock; an old one sent again is no sign of life."""
 
+    @property
+    def taken_s(self) -> float:
+        """When the newest sample was taken, on the host's clock; where the robot gives no stamp, when it arrived."""
+        return self._times[-1] if self._times else -math.inf
+
     def add(self, sample: Sample) -> None:
         """Take in a sample; one that is older than the newest is dropped, for its time has been counted."""
         jumps = self._clock.jumps

@@ -18,6 +18,8 @@ from hardware_bridge.emulators.emulated_world import EmulatedWorld
 from hardware_bridge.protocols.datagrams import MAX_BYTES, Datagram, decode, encode
 
 Address = tuple[str, int]
+CATCH_UP_S = 2.0
+"""What was missed on the wall clock while the machine was busy is made good, up to this; then robots' clocks slip."""
 COMMANDS_S = 0.05
 """How long lock-step waits for a robot's set-points before it goes on with the last."""
 
@@ -61,7 +63,7 @@ class SimulatorServer:
                 self._listen(max(due - time.monotonic(), 0.0))
                 if time.monotonic() >= due:
                     self._step()
-                    due = max(due + self.world.tick_s, time.monotonic() - 3 * self.world.tick_s)
+                    due = max(due + self.world.tick_s, time.monotonic() - CATCH_UP_S)
 
     def begin(self, robot: int, fault: str) -> None:
         """Begin a fault of a robot that has no firmware of its own: freeze, silent, garbage; any other heals it."""

@@ -50,9 +50,9 @@ def rules_of(limits: SafetyLimits) -> tuple[Rule, ...]:
     return tuple(rule for rule, on in chain if on)
 
 
-def stopped_commands(robots: int) -> tuple[SafeCommand, ...]:
-    """Everybody stands, dark: what is sent before the first decision, and after the last."""
-    return tuple(SafeCommand(RobotCommand(), supervisors_seal()) for _ in range(robots))
+def stopped_commands(robots: int, brightness: float = 0.0) -> tuple[SafeCommand, ...]:
+    """Everybody stands, hats dark or lit: what is sent before the first decision, and after the last."""
+    return (SafeCommand(RobotCommand(brightness=brightness), supervisors_seal()),) * robots
 
 
 class Supervisor:

@@ -81,7 +81,7 @@ def emulated(
 
 
 def simulated(team: Any, scenario: str, seed: int, seconds: float, policy: Policy) -> Run:
-    """The same run in the environment, at rest in the dark first for as long as the pre-flight listens."""
+    """The same run in the environment, at rest first for as long as the pre-flight listens."""
     env = exploration_v0.parallel_env(scenario, team=team, fidelity="features")
     observations, _ = env.reset(seed=seed, options={"world_index": 0, "split": "heldout"})
     policy.reset(env.team_description, seed)
@@ -90,7 +90,7 @@ def simulated(team: Any, scenario: str, seed: int, seconds: float, policy: Polic
     c, s = np.cos(yaw), np.sin(yaw)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     for _ in range(round(LISTEN_S / env.scenario.rates.decision_s)):
-        observations, *_ = env.step({name: hold_action(brightness=-1.0) for name in env.agents})
+        observations, *_ = env.step({name: hold_action() for name in env.agents})
     for _ in range(round(seconds / env.scenario.rates.decision_s) - 1):
         true = (batch.state.position.numpy()[0] - (x, y, z)) @ turn
         errors.append(mean_error(true, batch.belief.position.numpy()[0]))

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import json
 import math
+import sys
 import threading
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
+from coop_envs.device import prepare
 from coop_envs.policy import Actions, Observations, TeamDescription, TeamNeeds
 from hardware_bridge.clocks import WallClock
-from hardware_bridge.deployment import Deployment
+from hardware_bridge.deployment import Deployment, load_deployment
 from hardware_bridge.emulation import SimulatedOperator
-from hardware_bridge.mission import Mission
+from hardware_bridge.link import RobotLink
+from hardware_bridge.mission import DEVICE, Mission
 from hardware_bridge.preflight import connect_all, listen
 from hardware_bridge.runner import Crew, Runner, Tick
 from hardware_bridge.safety import stopped_commands
@@ -21,7 +26,7 @@ from hardware_bridge.safety.watchdog import Watchdog, WatchdogTrip
 from hardware_bridge.session import WATCHDOG_S
 from hardware_bridge.wiring import make_crew
 
-COASTS_S = 0.3
+COASTS_S = 5.0
 
 
 class Circles:
@@ -85,9 +90,7 @@ class Host:
         self.names = list(links)
         connect_all(links, cameras, str)
         self._crew = Crew(dict(links), dict(cameras))
-        time.sleep(COASTS_S)  # one that was left running
-        for link in links.values():
-            link.read()
+        self._rest(links.values())
         stills = dict(zip(links, stopped_commands(len(links)), strict=True))
         listen(deployment, links, clock, lambda: [link.send(stills[name]) for name, link in links.items()])
         self._operator = SimulatedOperator(address)
@@ -97,6 +100,15 @@ class Host:
         )
         self.ended: str | None = None
         self._thread = threading.Thread(target=self._run)
+
+    def _rest(self, links: Iterable[RobotLink]) -> None:
+        """Wait until all stand: one that was left running coasts."""
+        end = time.monotonic() + COASTS_S
+        moving = True
+        while moving and time.monotonic() < end:
+            time.sleep(0.3)
+            newest = [samples[-1] for link in links if (samples := link.read())]
+            moving = any(abs(speed) > 0.1 for sample in newest for speed in sample.wheels_rad_s)
 
     def start(self) -> None:
         """Set out."""
@@ -126,3 +138,13 @@ class Host:
     def _seen(self, tick: Tick) -> None:
         stands = tuple(safe.command.stands for safe in tick.outcome.safe)
         self.told.append(Told(time.monotonic(), stands))
+
+
+def main(settings: str, host: str, port: str) -> None:
+    """Drive everybody until somebody ends the process: ``python -m ... SETTINGS HOST PORT``."""
+    prepare(DEVICE)
+    Host(load_deployment(json.loads(settings)), (host, int(port))).start()
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -73,6 +73,8 @@ def deck(team: str, seed: int, count: int) -> list[Fault]:
     drawn: list[Fault] = []
     for faults, share in zip(both, shares, strict=True):
         random.Random(team).shuffle(faults)
+        before = [sum(other.kind == fault.kind for other in faults[:k]) for k, fault in enumerate(faults)]
+        faults = [fault for _, fault in sorted(zip(before, faults, strict=True), key=lambda pair: pair[0])]
         drawn += [faults[(seed * share + k) % len(faults)] for k in range(share)]
     random.Random(seed).shuffle(drawn)
     order = {**dict.fromkeys(LEAVES, 1), **dict.fromkeys(ENDS_EMULATION, 2)}

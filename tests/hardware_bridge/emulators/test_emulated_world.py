@@ -62,15 +62,15 @@ def at_rest(world, ticks=6):
 def test_truth_is_the_environments_bit_for_bit(scenario):
     env, world = pair(load_scenario(scenario, fidelity="features"))
     ticks = env.scenario.rates.ticks_per_decision
-    tell_brightness(world, env)
+    tell(world, env, 0)
     at_rest(world, ticks)
     for decision in range(25):
         env.step(script(env.agents, decision))
         for t in range(ticks):
             tell(world, env, t)
-            world._undock[:] |= env.batch.command.undock.numpy()[0]  # type: ignore[attr-defined]
+            world.operate({"undock": np.flatnonzero(env.batch.command.undock.numpy()[0]).tolist()})
             world.step()
-        ours, theirs = world._batch.state, env.batch.state  # type: ignore[attr-defined]
+        ours, theirs = world._batch.state, env.batch.state
         for name in TRUTH:
             same = np.array_equal(getattr(ours, name).numpy(), getattr(theirs, name).numpy())
             assert same, (decision, name, getattr(ours, name).numpy(), getattr(theirs, name).numpy())
@@ -78,14 +78,10 @@ def test_truth_is_the_environments_bit_for_bit(scenario):
     assert moved.max() > 0.1
 
 
-def tell_brightness(world, env):
-    tell(world, env, 0)
-
-
 def test_imu_is_the_environments_but_for_the_walk_of_biases():
     """Noise is keyed by tick, so it is the same; biases walk once a tick instead of once a decision."""
     env, world = pair(load_scenario("rubble", fidelity="features"))
-    tell_brightness(world, env)
+    tell(world, env, 0)
     at_rest(world)
     robot = env.scenario.team.members[0].robot
     for decision in range(10):
@@ -97,10 +93,30 @@ def test_imu_is_the_environments_but_for_the_walk_of_biases():
             for i in range(len(world.set_points)):
                 state = world.state_of(i)
                 apart = np.asarray(state["gyro"]) - theirs.gyro.numpy()[0, i, t]
-                walked = robot.imu.gyro_walk * math.sqrt(0.2 * (decision + 2))
+                walked = robot.imu.gyro_walk_rad_s2_rthz * math.sqrt(0.2 * (decision + 2))
                 assert np.abs(apart).max() < 6.0 * walked
-                spots = theirs.spot_sigma.numpy()[0, i, t]
-                assert (state["spot"] is not None) == (spots > 0.0)
+
+
+def test_spots_of_a_team_that_stands_and_scans_are_the_environments(rubble):
+    """Of one that moves they are not: the environment lights a decision's spots from where its robots end it."""
+    env, world = pair(rubble)
+    tell(world, env, 0)
+    at_rest(world)
+    scan = np.array([1.0, 0.0, 0.0, 0.0, 0.6, 0.0, 0.0, 0.0], dtype=np.float32)
+    found = 0
+    for _ in range(12):
+        env.step(dict.fromkeys(env.agents, scan))
+        theirs = env.batch.measurements
+        for t in range(6):
+            tell(world, env, t)
+            world.step()
+            for i in range(len(world.set_points)):
+                spot, sigma = world.state_of(i)["spot"], theirs.spot_sigma.numpy()[0, i, t]
+                assert (spot is not None) == (sigma > 0.0)
+                if spot is not None:
+                    assert spot == [*theirs.spot.numpy()[0, i, t].tolist(), float(sigma)]
+                    found += 1
+    assert found > 20
 
 
 def test_odometry_errs_as_much_over_a_decision():
@@ -137,7 +153,7 @@ def test_the_state_is_what_a_robots_firmware_can_know(rubble):
 def test_current_is_what_the_battery_gives_now(rubble):
     """The authors measured 7.56 W at rest: 1.05 A of 7.2 V; driving takes more, and standing again less."""
     world = EmulatedWorld(rubble, "heldout", 0, 1)
-    idle_w, battery = rubble.team.members[0].robot.power.idle_w, rubble.team.members[0].robot.battery
+    idle_w, battery = 7.56, rubble.team.members[0].robot.battery
 
     def current_a():
         return world.state_of(0)["current"]
