@@ -36,6 +36,7 @@ from hardware_bridge.runner import Crew, Operator, Person, Runner, Tick
 from hardware_bridge.safety import stopped_commands
 from hardware_bridge.safety.watchdog import Watchdog, WatchdogTrip
 from hardware_bridge.simulator_client import SimulatorClient
+from hardware_bridge.steady import frozen_heap, preload
 from hardware_bridge.wiring import make_crew
 
 WATCHDOG_S = 0.25
@@ -146,6 +147,7 @@ def prepared(
         CoopError: whatever is wrong, before anything moves.
     """
     prepare(DEVICE)
+    preload()
     deployment = load_deployment(order.team_file)
     text = order.team_file.read_text(encoding="utf-8")
     if order.log is not None:
@@ -168,6 +170,7 @@ def prepared(
         links, cameras = make_crew(deployment, emulation.address if emulation else None, clock.now_s)
         if order.dry_run:
             links = {name: DryLink(link) for name, link in links.items()}
+        stack.enter_context(frozen_heap())
         connect_all(links, cameras, say)
         crew = Crew(dict(links), dict(cameras))
         stack.callback(crew.close)

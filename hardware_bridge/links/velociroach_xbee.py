@@ -9,9 +9,7 @@ Source: `roach` [master] ``firmware/source/cmd.c``; `basestation` for the radio.
 
 from __future__ import annotations
 
-import contextlib
 import math
-import threading
 import time
 from collections import deque
 from collections.abc import Callable
@@ -23,6 +21,7 @@ from coop_envs.errors import require
 from coop_envs.validation import STRICT
 from hardware_bridge.command import RobotCommand, SafeCommand, checked_safe
 from hardware_bridge.link import Identity, LinkError, Now
+from hardware_bridge.links.serial_line import SerialLine
 from hardware_bridge.links.serial_port import SerialPort
 from hardware_bridge.protocols.roach_commands import (
     EXAMPLE_GAINS,
@@ -44,7 +43,6 @@ from hardware_bridge.reading import Pair, Sample
 
 ANSWER_S = 0.03
 ASK_AGAIN_S = 0.2
-WAITING_SAMPLES = 1000
 SPEED_OVER_S = 0.1
 Gains = tuple[int, int, int, int, int]
 T = TypeVar("T")
@@ -101,12 +99,7 @@ class VelociroachXbeeLink:
         self._max_rad_s = min(robot.max_speed_m_s / robot.wheel_radius_m, fastest)
         self._shines = settings.hat_brightness if hat else 0.0
         self.polls = self.answers = 0
-        self._samples: deque[Sample] = deque(maxlen=WAITING_SAMPLES)
-        self._lock = threading.RLock()
-        self._port: SerialPort | None = None
-        self._gone: LinkError | None = None
-        self._thread: threading.Thread | None = None
-        self._closing = threading.Event()
+        self._line = SerialLine(name)
         self._forget()
 
     def _forget(self) -> None:
@@ -142,11 +135,9 @@ class VelociroachXbeeLink:
         except LinkError:
             port.close()
             raise
-        self._port, self._gone = port, None
-        self._closing.clear()
+        self._line.open(port)
         self.stop()
-        self._thread = threading.Thread(target=self._run, args=(port,), name=f"roach {self._name}", daemon=True)
-        self._thread.start()
+        self._line.serve(self._step)
         return Identity("velociroach", version, f"{settings.port} {settings.address:#06x}")
 
     def read(self) -> list[Sample]:
@@ -155,10 +146,7 @@ class VelociroachXbeeLink:
         Raises:
             LinkError: the port is gone, and all that came before has been read.
         """
-        samples = [self._samples.popleft() for _ in range(len(self._samples))]
-        if not samples and self._gone:
-            raise self._gone
-        return samples
+        return self._line.read()
 
     def send(self, command: SafeCommand) -> RobotCommand:
         """Send, and return what the robot will do: legs' speeds in whole counts, no LED or laser that it obeys.
@@ -170,32 +158,23 @@ class VelociroachXbeeLink:
         speeds = self._clipped(checked_safe(command).wheels_rad_s)
         profile = encode_profile(speeds, self._settings.period_ms)
         sent = profile_speeds(command_values(Payload(profile[1], profile[2:])) or (0,) * 12)
-        with self._lock:
-            if self._gone or self._port is None:
-                raise self._gone or LinkError(f"{self._name}: got a closed link, expected one that is connected")
+        with self._line.lock:
             if any(sent):
                 orders = self._frame(profile) + self._frame(encode_command(Kind.TIMED_RUN, self._settings.run_ms))
             else:
                 orders = self._frame(encode_command(Kind.STOP))
-            self._put(self._port, orders + (b"" if self._waits else self._poll()))
+            self._line.put(orders + (b"" if self._waits else self._poll()))
         return RobotCommand(sent, brightness=self._shines)
 
     def stop(self) -> None:
         """Tell the robot to stand, twice over a radio that loses frames, in place of all that waits; never raises."""
-        with self._lock, contextlib.suppress(LinkError):
-            if self._port is not None:
-                self._port.write(self._frame(encode_command(Kind.STOP)) * 2, urgent=True)
+        with self._line.lock:
+            self._line.put_urgent(self._frame(encode_command(Kind.STOP)) * 2)
 
     def close(self) -> None:
         """Stop, and let go of the port; never raises."""
         self.stop()
-        self._closing.set()
-        if self._thread is not None and self._thread is not threading.current_thread():
-            self._thread.join(timeout=1.0)
-        with self._lock:
-            port, self._port, self._thread = self._port, None, None
-        if port is not None:
-            port.close()
+        self._line.close()
 
     def _greet(self, port: SerialPort) -> str:
         """The robot's version, once it is known to be one that may be driven and its gains are set."""
@@ -232,28 +211,24 @@ class VelociroachXbeeLink:
         mine = (f for f in frames if isinstance(f, Received) and f.source == self._settings.address)
         return [payload for frame in mine if (payload := decode_payload(frame.data))]
 
-    def _run(self, port: SerialPort) -> None:
-        try:
-            while not self._closing.is_set():
-                data = port.read(self._idle_s())
-                arrived_s = self._now()
-                for payload in self._payloads(data):
-                    self._take(payload, arrived_s)
-                with self._lock:
-                    self._ask(port)
-        except LinkError as error:
-            self._gone = LinkError(f"{self._name}: {error}")
+    def _step(self, port: SerialPort) -> None:
+        data = port.read(self._idle_s())
+        arrived_s = self._now()
+        for payload in self._payloads(data):
+            self._take(payload, arrived_s)
+        with self._line.lock:
+            self._ask()
 
     def _idle_s(self) -> float:
         """How long nothing needs to be asked; capped, since the host's clock need not be the wall's."""
         return min(max(self._asked_at + 1.0 / self._settings.poll_hz - self._now(), 0.0), 0.01)
 
-    def _ask(self, port: SerialPort) -> None:
+    def _ask(self) -> None:
         """Ask for positions if it is time and no answer is awaited, or if one did not come."""
         due = self._now() - self._asked_at >= 1.0 / self._settings.poll_hz
         late = time.monotonic() - self._waiting_since >= ANSWER_S
         if late if self._waits else due:
-            self._put(port, self._poll())
+            self._line.put(self._poll())
 
     def _poll(self) -> bytes:
         now_s, period_s = self._now(), 1.0 / self._settings.poll_hz
@@ -269,7 +244,7 @@ class VelociroachXbeeLink:
         self.answers += 1
         self._waits = False
         angles = (counts[0] * RAD_PER_COUNT, counts[1] * RAD_PER_COUNT)
-        self._samples.append(Sample(arrived_s, None, angles, self._legs.speeds(arrived_s, angles)))
+        self._line.samples.append(Sample(arrived_s, None, angles, self._legs.speeds(arrived_s, angles)))
 
     def _clipped(self, wheels_rad_s: Pair) -> Pair:
         if not all(math.isfinite(speed) for speed in wheels_rad_s):
@@ -279,13 +254,6 @@ class VelociroachXbeeLink:
 
     def _frame(self, data: bytes) -> bytes:
         return encode(Transmit(self._settings.address, data))
-
-    def _put(self, port: SerialPort, data: bytes) -> None:
-        try:
-            port.write(data)
-        except LinkError as error:
-            self._gone = LinkError(f"{self._name}: {error}")
-            raise self._gone from None
 
 
 class LegTrack:

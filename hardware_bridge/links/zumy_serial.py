@@ -9,9 +9,7 @@ Source: `mbed_zumy` [packet]; `ros_zumy` [packet] ``packet_parser.py`` for the h
 
 from __future__ import annotations
 
-import contextlib
 import math
-import threading
 import time
 from collections import deque
 from dataclasses import dataclass
@@ -23,6 +21,7 @@ from coop_envs.validation import STRICT
 from hardware_bridge.clock_alignment import DeviceClock
 from hardware_bridge.command import RobotCommand, SafeCommand, checked_safe
 from hardware_bridge.link import Identity, LinkError, Now
+from hardware_bridge.links.serial_line import SerialLine
 from hardware_bridge.links.serial_port import SerialPort
 from hardware_bridge.links.zumy_set_points import colours, sendable
 from hardware_bridge.protocols.zumy_packets import (
@@ -45,7 +44,6 @@ from hardware_bridge.reading import Sample
 
 ANSWER_S = 0.01
 MARKERS_AGAIN_S, LASER_AGAIN_S, TIME_AGAIN_S = 1.0, 0.3, 1.0
-WAITING_SAMPLES = 1000
 REST = (0, 0)
 
 
@@ -84,12 +82,7 @@ class ZumySerialLink:
         require(len(self._hues) <= LEDS, f"{name}.hat.leds", len(self._hues), f"at most {LEDS} LEDs")
         self.polls = self.answers = 0
         self.round_trips_s: deque[float] = deque(maxlen=100)
-        self._samples: deque[Sample] = deque(maxlen=WAITING_SAMPLES)
-        self._lock = threading.RLock()
-        self._port: SerialPort | None = None
-        self._gone: LinkError | None = None
-        self._thread: threading.Thread | None = None
-        self._closing = threading.Event()
+        self._line = SerialLine(name)
         self._forget()
 
     def _forget(self) -> None:
@@ -127,11 +120,9 @@ class ZumySerialLink:
             port.close()
             what = f"no answer within {settings.connect_s:g} s, expected a Zumy at {settings.baud} baud"
             raise LinkError(f"{self._name}: {settings.port}: got {what}")
-        self._port, self._gone = port, None
-        self._closing.clear()
+        self._line.open(port)
         self.stop()
-        self._thread = threading.Thread(target=self._run, args=(port,), name=f"zumy {self._name}", daemon=True)
-        self._thread.start()
+        self._line.serve(self._step)
         return Identity("zumy", "mbed_zumy [packet]", settings.port)
 
     def read(self) -> list[Sample]:
@@ -140,10 +131,7 @@ class ZumySerialLink:
         Raises:
             LinkError: the port is gone, and all that came before has been read.
         """
-        samples = [self._samples.popleft() for _ in range(len(self._samples))]
-        if not samples and self._gone:
-            raise self._gone
-        return samples
+        return self._line.read()
 
     def send(self, command: SafeCommand) -> RobotCommand:
         """Send, and return what the robot will do after clipping and quantising.
@@ -153,11 +141,9 @@ class ZumySerialLink:
             CoopError: the command did not come from a supervisor.
         """
         sent, level = sendable(checked_safe(command), bool(self._hues))
-        with self._lock:
-            if self._gone or self._port is None:
-                raise self._gone or LinkError(f"{self._name}: got a closed link, expected one that is connected")
+        with self._line.lock:
             packets = encode_wheels(*sent.wheels_rad_s, self._next()) + self._extras(sent, level)
-            self._put(self._port, packets + (b"" if self._waiting_since is not None else self._poll()))
+            self._line.put(packets + (b"" if self._waiting_since is not None else self._poll()))
         return sent
 
     def stop(self) -> None:
@@ -166,22 +152,15 @@ class ZumySerialLink:
         Its LEDs stay as they are: others may be looking at them. Wheels are told twice, since the first packet may
         follow a torn one.
         """
-        with self._lock, contextlib.suppress(LinkError):
-            if self._port is not None:
-                still, off = (encode_wheels(0.0, 0.0, self._next()), encode_laser(0.0, REST, self._next()))
-                self._laser = -1.0
-                self._port.write(still + off + still, urgent=True)
+        with self._line.lock:
+            still, off = (encode_wheels(0.0, 0.0, self._next()), encode_laser(0.0, REST, self._next()))
+            self._laser = -1.0
+            self._line.put_urgent(still + off + still)
 
     def close(self) -> None:
         """Stop, and let go of the port; never raises."""
         self.stop()
-        self._closing.set()
-        if self._thread is not None and self._thread is not threading.current_thread():
-            self._thread.join(timeout=1.0)
-        with self._lock:
-            port, self._port, self._thread = self._port, None, None
-        if port is not None:
-            port.close()
+        self._line.close()
 
     def _answers(self, port: SerialPort) -> bool:
         end = time.monotonic() + self._settings.connect_s
@@ -205,24 +184,20 @@ class ZumySerialLink:
             self._laser, self._laser_at = sent.laser, now_s
         return packets
 
-    def _run(self, port: SerialPort) -> None:
-        try:
-            while not self._closing.is_set():
-                data = port.read(self._idle_s())
-                arrived_s = self._now()
-                for packet in self._parser.feed(data):
-                    self._take(packet, arrived_s)
-                with self._lock:
-                    self._ask(port)
-        except LinkError as error:
-            self._gone = LinkError(f"{self._name}: {error}")
+    def _step(self, port: SerialPort) -> None:
+        data = port.read(self._idle_s())
+        arrived_s = self._now()
+        for packet in self._parser.feed(data):
+            self._take(packet, arrived_s)
+        with self._line.lock:
+            self._ask()
 
     def _idle_s(self) -> float:
         """How long nothing needs to be asked."""
         left_s = self._asked_at + 1.0 / self._settings.poll_hz - self._now()
         return min(max(left_s, 0.0), ANSWER_S)
 
-    def _ask(self, port: SerialPort) -> None:
+    def _ask(self) -> None:
         """Ask for what is due: the time in a turn of its own, or the sensors."""
         now_s, since = self._now(), self._waiting_since
         late = since is not None and time.monotonic() - since >= ANSWER_S
@@ -230,9 +205,9 @@ class ZumySerialLink:
             return
         if now_s - self._timed_at >= TIME_AGAIN_S:
             self._timed_at, self._time_asked = now_s, time.monotonic()
-            self._put(port, encode_time(sequence=self._next()))
+            self._line.put(encode_time(sequence=self._next()))
         else:
-            self._put(port, self._poll())
+            self._line.put(self._poll())
 
     def _poll(self) -> bytes:
         self.polls += 1
@@ -249,14 +224,7 @@ class ZumySerialLink:
         if sensors is not None:
             self.answers += 1
             self._waiting_since = None
-            self._samples.append(_sample(sensors, arrived_s, self._clock.unwrap(arrived_s, sensors.time_us)))
-
-    def _put(self, port: SerialPort, data: bytes) -> None:
-        try:
-            port.write(data)
-        except LinkError as error:
-            self._gone = LinkError(f"{self._name}: {error}")
-            raise self._gone from None
+            self._line.samples.append(_sample(sensors, arrived_s, self._clock.unwrap(arrived_s, sensors.time_us)))
 
     def _next(self) -> int:
         self._sequence += 1

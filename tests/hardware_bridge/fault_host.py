@@ -7,7 +7,7 @@ import math
 import sys
 import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +19,7 @@ from hardware_bridge.deployment import Deployment, load_deployment
 from hardware_bridge.emulation import SimulatedOperator
 from hardware_bridge.link import RobotLink
 from hardware_bridge.mission import DEVICE, Mission
-from hardware_bridge.preflight import connect_all, listen
+from hardware_bridge.preflight import connect_all
 from hardware_bridge.runner import Crew, Runner, Tick
 from hardware_bridge.safety import stopped_commands
 from hardware_bridge.safety.watchdog import Watchdog, WatchdogTrip
@@ -91,8 +91,6 @@ class Host:
         connect_all(links, cameras, str)
         self._crew = Crew(dict(links), dict(cameras))
         self._rest(links.values())
-        stills = dict(zip(links, stopped_commands(len(links)), strict=True))
-        listen(deployment, links, clock, lambda: [link.send(stills[name]) for name, link in links.items()])
         self._operator = SimulatedOperator(address)
         watchdog = Watchdog(links, WATCHDOG_S, self._trip)
         self.runner = Runner(
@@ -101,14 +99,16 @@ class Host:
         self.ended: str | None = None
         self._thread = threading.Thread(target=self._run)
 
-    def _rest(self, links: Iterable[RobotLink]) -> None:
+    def _rest(self, links: Collection[RobotLink]) -> None:
         """Wait until all stand: one that was left running coasts."""
         end = time.monotonic() + COASTS_S
-        moving = True
-        while moving and time.monotonic() < end:
-            time.sleep(0.3)
+        stand = False
+        while not stand and time.monotonic() < end:
+            for link, still in zip(links, stopped_commands(len(links)), strict=True):
+                link.send(still)
+            time.sleep(0.2)
             newest = [samples[-1] for link in links if (samples := link.read())]
-            moving = any(abs(speed) > 0.1 for sample in newest for speed in sample.wheels_rad_s)
+            stand = len(newest) == len(links) and all(max(map(abs, s.wheels_rad_s)) < 0.1 for s in newest)
 
     def start(self) -> None:
         """Set out."""

@@ -5,7 +5,8 @@
 - link of one robot (silent, garbage, frozen, late, unplugged, process killed): the host tells it zero within 0.5 s, and
   the others never stop. Its own set-points are zero within 0.5 s where it still hears, and where it hears late, within
   0.5 s and the delay. A deaf Zumy goes on as it was last told, since its firmware has no watchdog: nothing that a host
-  does can help. The first that it obeys when it hears again is zero. A VelociRoACH stops as its timed run ends.
+  does can help. When it hears again it obeys, and on being plugged in again it is told zero first. A VelociRoACH stops
+  as its timed run ends; since it stamps nothing, that its answers are late shows only as they begin to be.
 - what does no harm (a robot's clock jumps; the roscore is lost, which only introduces robots to their host): nobody
   stops.
 

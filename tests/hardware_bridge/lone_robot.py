@@ -54,12 +54,14 @@ def steady_policy(folder: Path, action: Sequence[float]) -> str:
     return str(file)
 
 
-def images(folder: Path, width: int = 640, height: int = 480, count: int = 1) -> str:
-    """A folder of dark images."""
+def images(folder: Path, width: int = 640, height: int = 480, count: int = 150) -> str:
+    """A folder of dark images, for five seconds."""
     place = folder / f"{width}x{height}"
     place.mkdir()
-    for k in range(count):
-        cv2.imwrite(str(place / f"{k:04}.png"), np.zeros((height, width, 3), dtype=np.uint8))
+    first = place / "0000.png"
+    cv2.imwrite(str(first), np.zeros((height, width, 3), dtype=np.uint8))
+    for k in range(1, count):
+        (place / f"{k:04}.png").hardlink_to(first)
     return str(place)
 
 

@@ -186,7 +186,7 @@ def test_a_dry_run_moves_nothing_and_names_the_limits(tmp_path):
 def test_ctrl_c_stands_the_robots_and_keeps_the_log(tmp_path):
     log = tmp_path / "run.mcap"
     with RestingRobot() as robot:
-        team = team_file(tmp_path, robot, images(tmp_path, count=2))
+        team = team_file(tmp_path, robot, images(tmp_path))
         command = [str(Path(sys.executable).with_name("coop")), "deploy", "--policy", steady_policy(tmp_path, DRIVES)]
         command += ["--team", team, "--log", str(log)]
         with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as process:

@@ -73,7 +73,7 @@ def test_a_person_drives_a_simulated_robot(tmp_path: Path) -> None:
 def test_a_person_takes_a_robot_from_its_policy(tmp_path: Path) -> None:
     """And it stands once nobody holds a key any more, and after ``q``."""
     with RestingRobot() as robot:
-        team, policy = team_file(tmp_path, robot, images(tmp_path, count=2)), steady_policy(tmp_path, STANDS)
+        team, policy = team_file(tmp_path, robot, images(tmp_path)), steady_policy(tmp_path, STANDS)
         log = str(tmp_path / "run.mcap")
         with at_a_terminal("deploy", "--policy", policy, "--team", team, "--log", log, "--keyboard") as (process, keys):
             wait_until(lambda: len(robot.sets) > 30 or process.poll() is not None, 30.0)

@@ -42,6 +42,10 @@ def sample(taken_s, host_s, device_s=None, since_s=None, **changes):
     return replace(made, **changes)
 
 
+def six_ticks(start):
+    return np.array([start + TICK_S * k for k in range(1, 7)])
+
+
 def in_order(arrivals_s):
     """No link lets one report overtake another."""
     return np.maximum.accumulate(arrivals_s)
@@ -67,7 +71,7 @@ def test_a_constant_signal_is_its_own_mean():
     track = Track(ZUMY)
     for k in range(40):
         track.add(Sample(k * TICK_S, None, (k * 0.1, -k * 0.1), (3.0, -3.0), (0.1, 0.2, 0.3), (1.0, 2.0, 9.0)))
-    gyro, force, wheels = track.means(0.5, 0.5 + TICK_S * np.arange(1, 7))
+    gyro, force, wheels = track.means(0.5, six_ticks(0.5))
     np.testing.assert_allclose(gyro, np.tile([0.1, 0.2, 0.3], (6, 1)), atol=1e-12)
     np.testing.assert_allclose(force, np.tile([1.0, 2.0, 9.0], (6, 1)), atol=1e-12)
     np.testing.assert_allclose(wheels, [3.0, -3.0], atol=1e-9)
@@ -135,7 +139,7 @@ def test_a_clock_that_jumps_costs_no_more_than_a_sample():
     track = Track(ZUMY)
     speeds, gyro = (3.0, 3.0), (0.0, 0.0, 0.4)
     first = [Sample(t, 100.0 + t, (3 * t, 3 * t), speeds, gyro) for t in np.arange(0.0, 1.0, 0.02)]
-    second = [Sample(t, t - 1.0, (3 * (t - 1.0),) * 2, speeds, gyro) for t in np.arange(1.0, 2.01, 0.02)]
+    second = [Sample(t, t - 1.0, (3 * (t - 1.0), 3 * (t - 1.0)), speeds, gyro) for t in np.arange(1.0, 2.01, 0.02)]
     turned, rolled = total(track, np.arange(0.2, 2.01, 0.2), [*first, *second])
     assert turned == pytest.approx(0.8, abs=0.4 * 0.021)
     np.testing.assert_allclose(rolled, [6.0, 6.0], atol=3.0 * 0.021)
@@ -145,7 +149,7 @@ def test_robots_without_an_imu_turn_as_their_wheels_do():
     track = Track(ZUMY)
     for k in range(20):
         track.add(Sample(k * TICK_S, None, (-k * 0.1, k * 0.1), (-3.0, 3.0)))
-    gyro, force, wheels = track.means(0.2, 0.2 + TICK_S * np.arange(1, 7))
+    gyro, force, wheels = track.means(0.2, six_ticks(0.2))
     np.testing.assert_allclose(gyro[:, 2], 6.0 * ZUMY.wheel_radius_m / ZUMY.track_m)
     np.testing.assert_allclose(force, np.tile([0.0, 0.0, GRAVITY], (6, 1)), atol=1e-9)
     np.testing.assert_allclose(wheels, [-3.0, 3.0])
@@ -166,12 +170,12 @@ def test_a_robot_that_was_never_heard_stands_on_level_ground_and_so_it_does_when
     """A reserve that is switched on after a minute: no window may hold the minute's gravity in one."""
     track = Track(ZUMY)
     for start in np.arange(0.0, 60.0, 0.2):
-        _, force, _ = track.means(start, start + TICK_S * np.arange(1, 7))
+        _, force, _ = track.means(start, six_ticks(start))
         np.testing.assert_allclose(force, np.tile([0.0, 0.0, GRAVITY], (6, 1)), atol=1e-6)
     assert track.heard_s == -math.inf
     for k in range(7):
         track.add(Sample(60.0 + k * TICK_S, None, (0.0, 0.0), (0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 9.8)))
-    gyro, force, _ = track.means(60.0, 60.0 + TICK_S * np.arange(1, 7))
+    gyro, force, _ = track.means(60.0, six_ticks(60.0))
     assert np.abs(gyro).max() < 1e-9
     assert np.abs(force - (0.0, 0.0, 9.8)).max() < 0.02
 
