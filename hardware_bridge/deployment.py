@@ -117,6 +117,9 @@ class Deployment:
             has, camera = member.camera is not None, wired.camera
             expected = "a camera, as the team has it" if has else "none, as the team has none"
             require(has == (camera is not None), f"robots.{member.name}.camera", camera and camera.kind, expected)
+            deaf = isinstance(wired.link, VelociroachSettings) and member.robot.radio_imu
+            expected = "a robot with radio_imu: false, such as velociroach_radio: that radio carries no IMU"
+            require(not deaf, f"robots.{member.name}.link.kind", wired.link.kind, expected)
         for name in self.robots:
             known(name, names, "robots", "one of the team")
         require(self.time_limit_s > 0, "time_limit_s", self.time_limit_s, "more than 0 s")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -20,6 +21,8 @@ from hardware_bridge.tick_inputs import HumanInput, KeyEvent, TickInputs
 
 GIVEN_UP_TICKS = 15
 """A robot that did not report for so many ticks is no longer waited for in lock-step."""
+
+LEAVING_S = 2.0
 
 
 class Person(Protocol):
@@ -55,6 +58,7 @@ class Crew:
     links: dict[str, RobotLink]
     cameras: dict[str, FrameSource]
     silent: dict[str, int] = field(default_factory=dict)
+    leaving: list[threading.Thread] = field(default_factory=list)
 
     def read(self, patience_s: float) -> tuple[dict[str, list[Sample]], dict[str, list[CameraFrame]], dict[str, str]]:
         """What came since the last call; waits so long for whoever has not reported yet."""
@@ -96,8 +100,13 @@ class Crew:
             return RobotCommand()
 
     def drop(self, name: str) -> None:
-        """Let a robot go that has failed; its camera too may be gone, which shows by itself."""
-        self.links.pop(name).close()
+        """Let a robot go that has failed; its camera too may be gone, which shows by itself.
+
+        Its link closes in a thread of its own: the others cannot wait for a last word to a robot that is gone.
+        """
+        closing = threading.Thread(target=self.links.pop(name).close, name=f"closing {name}", daemon=True)
+        closing.start()
+        self.leaving.append(closing)
 
     def close(self) -> None:
         """Stop everybody and let go of everything."""
@@ -105,6 +114,8 @@ class Crew:
             link.stop()
         for part in (*self.links.values(), *self.cameras.values()):
             part.close()
+        for closing in self.leaving:
+            closing.join(LEAVING_S)
 
 
 class Runner:

@@ -95,7 +95,8 @@ def _members(entry: Any, field: str) -> list[dict[str, Any]]:
 def _resolved(shelf: str, reference: Any, field: str) -> dict[str, Any]:
     """The mapping behind a name, or behind a mapping that may name a ``base``."""
     if isinstance(reference, str):
-        return dict(_shelf_entry(shelf, known(reference, names(shelf), field, f"one of the {shelf}")))
+        entry = _shelf_entry(shelf, known(reference, names(shelf), field, f"one of the {shelf}"))
+        return _resolved(shelf, entry, field)
     if not isinstance(reference, Mapping):
         raise ConfigError(field, reference, f"one of the {shelf} ({', '.join(names(shelf))}) or a mapping")
     changes = from_file(reference) if "file" in reference and shelf == "cameras" else dict(reference)

@@ -166,9 +166,9 @@ class RobotSpecification:
     """A type of robot.
 
     ``contact_radius_m`` bounds the ground that carries the robot: tracks or legs. A hazard catches the robot when it
-    reaches into this disc, and only ground under it is proven by the robot's passing. Without ``radio_imu`` the host does
-    not hear of its IMU, and takes it to turn as its wheels do and to feel gravity alone; ``imu`` then says how wrong
-    that is.
+    reaches into this disc, and only ground under it is proven by the robot's passing. Without ``radio_imu`` the host
+    does not hear of its IMU, and takes it to turn as its wheels do and to feel gravity alone; ``imu`` then says how
+    wrong that is.
     """
 
     __pydantic_config__ = STRICT

@@ -128,6 +128,7 @@ class MemberModel:
     body_radius: float
     body_height: float
     height: float
+    radio_imu: int
     picket: int
     reserve: int
     camera: int
@@ -150,6 +151,7 @@ def member_models(team: Team, settings: Estimation, device: str) -> wp.array:
         model.contact_radius, model.body_radius = robot.contact_radius_m, robot.body_radius_m
         model.body_height, model.height = robot.body_height_m, robot.height_m
         model.picket, model.reserve = int(member.role == "picket"), int(member.reserve)
+        model.radio_imu = int(robot.radio_imu)
         model.camera, model.laser = int(member.camera is not None), int(member.laser is not None)
         if member.camera is not None:
             model.R_body_camera = wp.mat33d(*body_from_camera(member.camera.pitch_down_rad).ravel())

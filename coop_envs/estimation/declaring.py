@@ -3,7 +3,8 @@
 A robot is called stuck when it has tried to drive and to turn for a while and neither was noticed: the gyro felt no
 turn, and the cameras saw no shift that their noise could not explain. Turning is part of the test because a robot
 against a wall can turn and one in a trap cannot; a robot that only pushes is called stuck after four times as long, and
-only in sight: one that drives straight on out of sight cannot be told from it.
+only in sight: one that drives straight on out of sight cannot be told from it. A robot whose radio carries no IMU is
+told by that alone.
 """
 
 from __future__ import annotations
@@ -88,7 +89,7 @@ def count_trying(belief: Belief, measured: Measurements, member: MemberModel, mo
     if wp.abs(turn) > TURN_RAD_S:
         belief.turn_tried[b, r] = belief.turn_tried[b, r] + wp.abs(turn) * model.decision_s
     shifted = seen_to_shift(belief, b, r)
-    turned = belief.turn_felt[b, r] > wp.max(TURN_NOTICED * belief.turn_tried[b, r], 0.05)
+    turned = member.radio_imu == 1 and belief.turn_felt[b, r] > wp.max(TURN_NOTICED * belief.turn_tried[b, r], 0.05)
     if shifted:
         belief.spinning[b, r] = 0
     if shifted or turned:
@@ -96,10 +97,10 @@ def count_trying(belief: Belief, measured: Measurements, member: MemberModel, mo
 
 
 @wp.func
-def stuck(belief: Belief, model: StuckModel, b: int, r: int) -> bool:
+def stuck(belief: Belief, member: MemberModel, model: StuckModel, b: int, r: int) -> bool:
     """Whether a robot has tried in vain for long enough."""
     tried = belief.tried_s[b, r]
-    if tried >= model.stuck_s and belief.turn_tried[b, r] >= TURN_TESTED:
+    if member.radio_imu == 1 and tried >= model.stuck_s and belief.turn_tried[b, r] >= TURN_TESTED:
         return True
     return tried >= PUSHING * model.stuck_s and belief.unseen_s[b, r] < IN_SIGHT_S
 
@@ -132,7 +133,7 @@ def declare(
                 belief.silent_s[b, r] = 0.0
                 count_trying(belief, measured, members[r], model, b, r)
             silent = belief.silent_s[b, r] >= model.silent_s
-            if silent or stuck(belief, model, b, r):
+            if silent or stuck(belief, members[r], model, b, r):
                 belief.declared[b, r] = LOST
                 belief.marked[b, r] = int(belief.battery[b, r] > EMPTY)
                 belief.undock[b, r] = 0

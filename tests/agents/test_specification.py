@@ -65,7 +65,7 @@ def test_cameras_see_what_their_makers_say():
 @pytest.mark.parametrize(
     ("reference", "message"),
     [
-        ("zummy", r"^robot: got 'zummy'.*velociroach, zumy; did you mean 'zumy'\?"),
+        ("zummy", r"^robot: got 'zummy'.*velociroach_radio, zumy; did you mean 'zumy'\?"),
         ({"base": "zumy", "masss_kg": 1}, r"^robot\.masss_kg: .*did you mean 'mass_kg'\?"),
         ({"base": "zumy", "height_m": "30 cm"}, r"^robot\.height_m: got '30 cm', expected a number in metres"),
         ({"base": "zumy", "mass_kg": -1}, r"robot zumy\.mass_kg: got -1.0, expected more than 0"),

@@ -177,6 +177,7 @@ class Campaign:
                 self._end_host()
             emulation.tell({"robot": fault.robot, "fault": "heal"})
             if fault.kind in LEAVES:
+                self._plugged_in(fault.robot)
                 self._host = Host(self._deployment, emulation.address)
                 wrong += [] if self._look()[1][i] else [f"{fault.robot}: was not told to stand on being plugged in"]
                 self._host.start()
@@ -184,6 +185,12 @@ class Campaign:
                 wrong.append(f"{fault.robot}: does not obey after it hears again")
         host.policy.rest, host.policy.hangs_since = False, None
         return wrong
+
+    def _plugged_in(self, robot: str) -> None:
+        """Wait until the robot's port is there again."""
+        port, end = Path(getattr(self._deployment.robots[robot].link, "port", "/")), time.monotonic() + PATIENCE_S
+        while not port.exists() and time.monotonic() < end:
+            time.sleep(ASKED_S)
 
     def _until(self, condition, patience_s: float) -> bool:
         end = time.monotonic() + patience_s

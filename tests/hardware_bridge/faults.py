@@ -37,7 +37,7 @@ ROACH_TEAM = {
     "name": "mixed",
     "members": [
         {"role": "observer", "robot": "zumy", "cameras": ["ch6"], "hat": "zumy"},
-        {"role": "picket", "robot": "velociroach", "hat": "hat0"},
+        {"role": "picket", "robot": "velociroach_radio", "hat": "hat0"},
         {"role": "picket", "robot": "zumy", "cameras": ["ch6"], "hat": "hat1"},
     ],
 }

@@ -123,7 +123,7 @@ def test_firmware_that_nobody_has_listed(tmp_path, capsys):
     with RestingRobot() as observer, FakeSimulator() as simulator:
         file = Path(team_file(tmp_path, observer, images(tmp_path)))
         tree = json.loads(file.read_text())
-        tree["team"]["members"].append({"role": "picket", "robot": "velociroach", "hat": "hat0"})
+        tree["team"]["members"].append({"role": "picket", "robot": "velociroach_radio", "hat": "hat0"})
         tree["site"]["start"].append([0.4, 0.0, 0.0])
         with Emulator("velociroach_firmware", simulator) as firmware:
             link = {"kind": "velociroach_xbee", "port": firmware.port, "firmware": ["roach 2012"]}

@@ -22,18 +22,12 @@ RADIOS = [
     {"kind": "velociroach_xbee", "address": a, "firmware": ["emulated roach"], "hat_brightness": 0.8, "poll_hz": 200}
     for a in (0x2052, 0x2053)
 ]
-ROACH = {
-    "base": "velociroach",
-    "radio_imu": False,
-    "imu": {"moving_gyro_noise_rad_s_rthz": 0.3, "moving_accel_noise_m_s2_rthz": 0.3},
-}
-"""Its radio carries no IMU: the bridge turns it as its legs go, and this is how wrong that is."""
 ROACHES = {
     "name": "roaches",
     "members": [
         {"role": "observer", "robot": "zumy", "cameras": ["lifecam_mast"]},
-        {"role": "picket", "robot": ROACH, "hat": "zumy"},
-        {"role": "picket", "robot": ROACH, "hat": "zumy2"},
+        {"role": "picket", "robot": "velociroach_radio", "hat": "zumy"},
+        {"role": "picket", "robot": "velociroach_radio", "hat": "zumy2"},
     ],
 }
 TEAMS: dict[str, tuple[Any, list[Any]]] = {
