@@ -85,13 +85,15 @@ def test_a_robot_that_says_nothing_holds_up_nobody_for_ever(judge, server):
 
 def test_two_may_listen_to_one_robot(judge, server):
     first, second = SimulatorClient(server.address, 1), SimulatorClient(server.address, 1)
-    first.hello(), second.hello()
-    first.poll(), second.poll()
+    for client in (first, second):
+        client.hello()
+        client.poll()
     tick = advance(judge)
     heard = [until(lambda c=client: [m for m in c.poll() if m.get("tick") == tick])[-1] for client in (first, second)]
     assert heard[0] == heard[1]
     assert heard[0]["robot"] == 1
-    first.close(), second.close()
+    first.close()
+    second.close()
 
 
 def test_an_answer_to_an_earlier_question_is_not_taken_for_this_ones(judge, server):
