@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from tests.hardware_bridge.equivalence import Loops, Run, emulated, simulated
+from tests.hardware_bridge.ros import process_master
 
 SECONDS = 45.0
 SERIAL = {"kind": "zumy_serial", "poll_hz": 1000}
 UDP = {"kind": "simulator"}
-ROS = [{"kind": "zumy_ros1", "master": "http://localhost:11397", "namespace": f"/zumy{i}"} for i in range(3)]
 RADIOS = [
     {"kind": "velociroach_xbee", "address": a, "firmware": ["emulated roach"], "hat_brightness": 0.8, "poll_hz": 200}
     for a in (0x2052, 0x2053)
@@ -33,15 +33,21 @@ ROACHES = {
 TEAMS: dict[str, tuple[Any, list[Any]]] = {
     "serial": ("inchworm", [SERIAL] * 3),
     "udp": ("inchworm", [UDP] * 3),
-    "ros": ("inchworm", ROS),
     "xbee": (ROACHES, [SERIAL, *RADIOS]),
 }
-KINDS = [pytest.param(name, marks=pytest.mark.ros) if name == "ros" else name for name in TEAMS]
+KINDS = [*TEAMS, pytest.param("ros", marks=pytest.mark.ros)]
+
+
+def team_and_links(kind: str) -> tuple[Any, list[Any]]:
+    """A team and its links; those over ROS use this process's master, for rospy knows one alone."""
+    if kind != "ros":
+        return TEAMS[kind]
+    return "inchworm", [{"kind": "zumy_ros1", "master": process_master(), "namespace": f"/twin{i}"} for i in range(3)]
 
 
 def twins(folder: Path, kind: str, seed: int, seconds: float) -> tuple[Run, Run]:
     """A run through emulated robots and the same in simulation."""
-    team, links = TEAMS[kind]
+    team, links = team_and_links(kind)
     policy = Loops()
     return emulated(folder, team, links, "u_turn", seed, seconds, policy), simulated(
         team, "u_turn", seed, seconds, policy
