@@ -70,10 +70,7 @@ class TeamBatch:
         self.scenario, self.pool, self.teams, self.device = scenario, packed.pool, teams, device
         exchange = exchange or allocate_exchange(scenario, packed.pool, teams, device)
         self.actions, self.observations, self.score = exchange.actions, exchange.observations, exchange.score
-        world = packed.pool.worlds[0]
-        models = _clock(scenario), _led_model(scenario, world), _spot_model(scenario, world)
-        calibration = _calibration_error(scenario)
-        self.physics = FastPhysics(scenario.team, packed.stage, *models, teams, scenario.fidelity, calibration)
+        self.physics = open_physics(scenario, packed, teams)
         self.state, self.running = self.physics.state, self.physics.running
         self.starting = self.physics.starting
         self.measurements, self.command = self.physics.measurements, self.physics.command
@@ -157,6 +154,14 @@ class TeamBatch:
         self.physics.step()
         self.loop.step()
         self._judge.launch()
+
+
+def open_physics(scenario: Scenario, packed: PackedPool, teams: int) -> FastPhysics:
+    """The physics of B teams alone, for studies that hold no belief or another one."""
+    world = packed.pool.worlds[0]
+    models = _clock(scenario), _led_model(scenario, world), _spot_model(scenario, world)
+    calibration = _calibration_error(scenario)
+    return FastPhysics(scenario.team, packed.stage, *models, teams, scenario.fidelity, calibration)
 
 
 def belief_settings(scenario: Scenario, map_shape: tuple[int, int]) -> BeliefSettings:

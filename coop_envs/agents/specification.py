@@ -81,6 +81,7 @@ class Camera:
     """A pinhole camera with plumb-bob distortion, fixed in the body.
 
     ``position_m`` is in the body frame, ``pitch_down_rad`` tilts the optical axis from body x towards the ground.
+    ``shake_rad`` is how far the mount lets the camera turn about each of its axes while its robot's wheels turn, rms.
     """
 
     __pydantic_config__ = STRICT
@@ -95,10 +96,12 @@ class Camera:
     position_m: tuple[float, float, float] = (0.05, 0.0, 0.05)
     pitch_down_rad: float = 0.0
     max_range_m: float = 3.0
+    shake_rad: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("width_px", "height_px", "fx_px", "fy_px", "max_range_m"):
             require(getattr(self, name) > 0, f"camera.{name}", getattr(self, name), "more than 0")
+        require(0 <= self.shake_rad <= 0.2, "camera.shake_rad", self.shake_rad, "0 to 0.2 rad")
         require(abs(self.pitch_down_rad) < 1.5, "camera.pitch_down_rad", self.pitch_down_rad, "within +/-1.5 rad")
 
 

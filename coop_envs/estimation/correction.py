@@ -5,17 +5,18 @@ from __future__ import annotations
 import warp as wp
 
 from coop_envs.estimation.belief import ACCEL, GYRO, THETA, VELOCITY, Belief, MemberModel
+from coop_envs.estimation.calibration import Optics
 from coop_envs.estimation.kalman import GATE_ONE, correct_pair
-from coop_envs.estimation.propagation import FilterModel, block3
+from coop_envs.estimation.propagation import FilterModel, block3, follow_shift, linearise
 from coop_envs.estimation.rows import Rows
 from coop_envs.estimation.sightings import fuse_sightings
 from coop_envs.sensing.measurements import Measurements
 from coop_envs.sensing.poses import mat66d
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 6})
+wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 REST_SETTLED_S = wp.constant(2.0)
-REST_EVERY = wp.constant(10)
+REST_EVERY_S = wp.constant(2.0)
 SPINNING_S = wp.constant(0.7)
 HELD_SHARE = wp.constant(0.2)
 ODOMETRY_FLOOR_M_S = wp.constant(0.004)
@@ -39,7 +40,8 @@ def correct_rest(
         force = force + wp.vec3d(measured.accel[b, r, t]) / wp.float64(ticks)
     span = model.tick_s * wp.float64(ticks)
     still = one * wp.float64(1.0e-6)
-    correct_pair(belief, rows, b, eye, o + VELOCITY, none, o + THETA, -belief.velocity[b, r], still)
+    swung = wp.skew(belief.first_velocity[b, r])
+    correct_pair(belief, rows, b, eye, o + VELOCITY, swung, o + THETA, -belief.velocity[b, r], still)
     gyro_variance = one * (member.gyro_noise * member.gyro_noise / span)
     correct_pair(belief, rows, b, eye, o + GYRO, none, o + THETA, turn - belief.gyro_bias[b, r], gyro_variance)
     up = wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(9.81))
@@ -105,7 +107,8 @@ def correct_odometry(
     variance = wp.float64(noise * noise)
     residual = wp.vec3d(speed, wp.float64(0.0), wp.float64(0.0)) - mean
     variances = wp.vec3d(variance, variance, variance)
-    correct_pair(belief, rows, b, Rt * wp.skew(v), o + THETA, Rt, o + VELOCITY, residual, variances)
+    swung = Rt * wp.skew(belief.first_velocity[b, r])
+    correct_pair(belief, rows, b, swung, o + THETA, Rt, o + VELOCITY, residual, variances)
 
 
 @wp.func
@@ -125,25 +128,35 @@ def note(belief: Belief, measured: Measurements, model: FilterModel, b: int, r: 
         belief.pose_covariance[b, r] = pose
 
 
+@wp.func
+def shows_rest(belief: Belief, model: FilterModel, b: int, r: int) -> bool:
+    """Whether a robot's rest is fused in this decision: always at first, now and then once it tells little new."""
+    rest = belief.rest_s[b, r]
+    return rest < REST_SETTLED_S or wp.floor(rest / REST_EVERY_S) > wp.floor((rest - model.decision_s) / REST_EVERY_S)
+
+
 @wp.kernel
 def fuse(
-    belief: Belief, measured: Measurements, members: wp.array[MemberModel], model: FilterModel,
+    belief: Belief, measured: Measurements, members: wp.array[MemberModel], optics: Optics, model: FilterModel,
     rows: Rows, running: wp.array[int],
 ):  # fmt: skip
     """Fuse one decision's measurements into the belief of every running team."""
     b = wp.tid()
     if running[b] == 0:
         return
+    linearise(belief, b)
     n = members.shape[0]
     for r in range(n):
+        belief.demoted[b, r] = 0
         if belief.slot[b, r] >= 0 and measured.heard[b, r] == 1:
             if belief.stationary[b, r] == 1:
-                if belief.rest_s[b, r] < REST_SETTLED_S or belief.clock[b] % REST_EVERY == 0:
+                if shows_rest(belief, model, b, r):
                     correct_rest(belief, measured, members[r], model, rows, b, r)
-            else:
+            elif members[r].odometry == 1:
                 correct_odometry(belief, measured, members[r], model, rows, b, r)
     for i in range(n):
         if members[i].camera == 1:
-            fuse_sightings(belief, measured, members, rows, b, i)
+            fuse_sightings(belief, measured, members, optics, model, rows, b, i)
+    follow_shift(belief, rows, b)
     for r in range(n):
         note(belief, measured, model, b, r)

@@ -11,18 +11,13 @@ from numpy.typing import NDArray
 
 from coop_envs.agents.command import Command
 from coop_envs.agents.team import Team
-from coop_envs.estimation.belief import allocate_belief, member_models
 from coop_envs.estimation.charting import chart, chart_rays
-from coop_envs.estimation.correction import fuse
 from coop_envs.estimation.declaring import StuckModel, declare
-from coop_envs.estimation.joining import Plans, Prior, begin
-from coop_envs.estimation.propagation import FilterModel, propagate
 from coop_envs.estimation.ranging import GAP_GATE, Points, RangingModel, find_range
-from coop_envs.estimation.rows import allocate_rows
 from coop_envs.estimation.settings import Estimation, Rates
+from coop_envs.estimation.team_filter import TeamFilter
 from coop_envs.geometry.arrays import allocate
 from coop_envs.mapping.ground_map import MapModel, allocate_map, begin_map
-from coop_envs.sensing.camera import CameraModel, camera_model
 from coop_envs.sensing.measurements import Measurements
 
 
@@ -59,37 +54,33 @@ class TeamEstimator:
         device: str,
     ) -> None:
         teams, n = running.shape[0], len(team.members)
-        self.device, self.teams = device, teams
-        self.members = member_models(team, settings, device)
-        self.belief = allocate_belief(team, teams, device)
+        self.device, self.teams, self._decision_s = device, teams, rates.decision_s
+        self.filter = TeamFilter(team, settings, measurements, command, device, running)
+        self.members, self.belief, self.plans = self.filter.members, self.filter.belief, self.filter.plans
+        self.chosen = self.filter.chosen
         reach_m = map_model.mark_radius + max(map_model.mark_radius, *(m.robot.body_radius_m for m in team.members))
         scanning = map_model.levels > 0
         swept = _swept_cells(team, rates, map_model) if scanning else 0
         self.map = allocate_map(teams, n, map_model, reach_m, device, swept)
         self.points: Points = allocate(Points, (teams, rates.ticks_per_decision), device)
-        self.plans: Plans = allocate(Plans, (teams, n), device)
         self.corner, self.cells = (wp.zeros(teams, dtype=kind, device=device) for kind in (wp.vec2, wp.vec2i))
-        self.chosen = wp.zeros(teams, dtype=int, device=device)
-        prior = _prior(settings)
-        rows = allocate_rows(self.belief)
-        model = _filter_model(rates, settings)
         seen = [self.belief, measurements, self.members]
-        propagated = [self.belief, command, measurements, self.plans, prior, self.members, model, rows, running]
         self._launches = [
-            self._record(propagate, propagated),
-            self._record(fuse, [*seen, model, rows, running]),
             self._record(declare, [*seen, _stuck_model(rates, settings), running]),
             self._record(chart, [self.belief, self.map, self.members, map_model, running]),
         ]
         box = [self.corner, self.cells, self.plans.start, settings.start_ground_m]
-        self._begin = [
-            self._record(begin, [self.belief, self.plans, prior, self.members, self.chosen]),
-            self._record(begin_map, [self.map, map_model, *box, self.chosen]),
-        ]
+        self._begin_map = self._record(begin_map, [self.map, map_model, *box, self.chosen])
         if scanning:
-            cameras = wp.array([camera_model(m.camera) for m in team.members], dtype=CameraModel, device=device)
             told = [self.belief, measurements, command, self.members]
-            ranged = [*told, cameras, _ranging_model(team, settings), rows, self.points, running]
+            ranged = [
+                *told,
+                self.filter.optics.cameras,
+                _ranging_model(team, settings),
+                self.filter.rows,
+                self.points,
+                running,
+            ]
             charted = [self.belief, self.map, self.members, self.points, map_model, running]
             self._launches += [self._record(find_range, ranged), self._record(chart_rays, charted)]
 
@@ -108,34 +99,20 @@ class TeamEstimator:
 
     def begin(self) -> None:
         """Start the teams with ``chosen`` 1 anew, by ``plans``, ``corner`` and ``cells``."""
-        for launch in self._begin:
-            launch.launch()
+        self.filter.begin()
+        self._begin_map.launch()
 
     def step(self) -> None:
         """Take in one decision's measurements and the command under which they were made."""
+        self.filter.step(self._decision_s)
         for launch in self._launches:
             launch.launch()
-
-
-def _filter_model(rates: Rates, settings: Estimation) -> FilterModel:
-    model = FilterModel()
-    model.tick_s, model.decision_s = rates.tick_s, rates.decision_s
-    model.rest_s, model.odometry_scale = settings.rest_s, settings.odometry_noise_scale
-    model.slip_position, model.slip_heading = settings.slip_position_m_rts, settings.slip_heading_rad_rts
-    return model
 
 
 def _stuck_model(rates: Rates, settings: Estimation) -> StuckModel:
     model = StuckModel()
     model.stuck_s, model.silent_s, model.decision_s = settings.stuck_s, settings.silent_s, rates.decision_s
     return model
-
-
-def _prior(settings: Estimation) -> Prior:
-    prior = Prior()
-    prior.position, prior.height = settings.start_position_m, settings.start_height_m
-    prior.yaw, prior.tilt = settings.start_yaw_rad, settings.start_tilt_rad
-    return prior
 
 
 def _ranging_model(team: Team, settings: Estimation) -> RangingModel:

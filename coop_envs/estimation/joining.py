@@ -16,7 +16,10 @@ from coop_envs.estimation.belief import (
     WORKING,
     Belief,
     MemberModel,
+    vec15d,
 )
+from coop_envs.estimation.calibration import CalibrationPrior, begin_calibration
+from coop_envs.sensing.hats import Hats
 from coop_envs.sensing.measurements import Measurements
 from coop_envs.sensing.poses import mat66d
 
@@ -70,7 +73,7 @@ def free_slot(belief: Belief, b: int) -> int:
     if belief.slots[b] < total:
         belief.slots[b] = belief.slots[b] + 1
         return belief.slots[b] - 1
-    for s in range(total):
+    for s in range(belief.calibration.shape[1], total):
         taken = bool(False)
         for r in range(belief.slot.shape[1]):
             if belief.slot[b, r] == s:
@@ -105,6 +108,8 @@ def join(belief: Belief, prior: Prior, model: MemberModel, b: int, r: int, pose:
     belief.unseen_s[b, r] = 0.0
     belief.silent_s[b, r] = 0.0
     belief.rejected[b, r] = 0
+    belief.rejected_s[b, r] = 0.0
+    belief.demoted[b, r] = 0
     belief.spinning[b, r] = 0
     belief.tried_s[b, r] = 0.0
     belief.turn_tried[b, r] = 0.0
@@ -132,17 +137,25 @@ def join(belief: Belief, prior: Prior, model: MemberModel, b: int, r: int, pose:
 
 
 @wp.kernel
-def begin(belief: Belief, plans: Plans, prior: Prior, members: wp.array[MemberModel], chosen: wp.array[int]):
+def begin(
+    belief: Belief, plans: Plans, prior: Prior, members: wp.array[MemberModel], hats: Hats,
+    calibration: CalibrationPrior, chosen: wp.array[int],
+):  # fmt: skip
     """Start the belief of the chosen teams anew."""
     b = wp.tid()
     if chosen[b] == 0:
         return
-    belief.slots[b] = 0
+    calibrated = belief.calibration.shape[1]
+    belief.slots[b] = calibrated
+    for s in range(calibrated):
+        clear_block(belief, b, s)
+        belief.calibration[b, s] = vec15d()
     belief.clock[b] = 0
     belief.goal[b] = plans.goal[b]
     n = members.shape[0]
     for r in range(n):
         belief.slot[b, r] = NO_SLOT
+        begin_calibration(belief, members[r], calibration, hats, b, r)
         belief.battery[b, r] = 1.0
         belief.marked[b, r] = 0
         belief.pose_covariance[b, r] = mat66d()

@@ -2,16 +2,16 @@
 # To the type checker, entries of Warp's matrices have no type.
 """Kalman updates of the team filter with three or six rows, gated.
 
-Only H P is formed; the covariance falls by N^T N with N = L^-1 H P and S = L L^T. Both triangles fall by the same
-products in the same order, so that the covariance stays symmetric.
+Only H P is formed; the covariance falls by N^T N with N = L^-1 H P and S = L L^T, either at once or, when several
+sightings follow each other, for all of them in one pass. It stays symmetric to the last bit.
 """
 
 from __future__ import annotations
 
 import warp as wp
 
-from coop_envs.estimation.belief import ACCEL, GYRO, POSITION, THETA, VELOCITY, Belief
-from coop_envs.estimation.rows import Rows, vec15d
+from coop_envs.estimation.belief import ACCEL, GYRO, POSITION, THETA, VELOCITY, Belief, vec15d
+from coop_envs.estimation.rows import Rows
 from coop_envs.geometry.so3 import exp_so3, orthonormal
 from coop_envs.sensing.poses import mat66d, vec6d
 
@@ -25,6 +25,13 @@ GATE_SIX = wp.constant(wp.float64(22.46))
 def row3(rows: Rows, b: int, m: int, column: int) -> wp.vec3d:
     """Three entries of a projected row."""
     return wp.vec3d(rows.entries[b, m, column], rows.entries[b, m, column + 1], rows.entries[b, m, column + 2])
+
+
+@wp.func
+def kept3(rows: Rows, b: int, p: int, column: int) -> wp.vec3d:
+    """Three entries of a kept row."""
+    entries = rows.kept_entries
+    return wp.vec3d(entries[b, p, column], entries[b, p, column + 1], entries[b, p, column + 2])
 
 
 @wp.func
@@ -87,23 +94,6 @@ def fall_by_three(rows: Rows, b: int, slots: int):
 
 
 @wp.func
-def fall_by_six(rows: Rows, b: int, slots: int):
-    """P falls by N^T N of six projected rows."""
-    for s in range(slots):
-        n0 = rows.projected[b, 0, s]
-        n1 = rows.projected[b, 1, s]
-        n2 = rows.projected[b, 2, s]
-        n3 = rows.projected[b, 3, s]
-        n4 = rows.projected[b, 4, s]
-        n5 = rows.projected[b, 5, s]
-        for i in range(15 * slots):
-            n = column3(rows, b, 0, i)
-            m = column3(rows, b, 3, i)
-            half = rows.covariance[b, i, s] - n0 * n[0] - n1 * n[1] - n2 * n[2]
-            rows.covariance[b, i, s] = half - n3 * m[0] - n4 * m[1] - n5 * m[2]
-
-
-@wp.func
 def column3(rows: Rows, b: int, m: int, column: int) -> wp.vec3d:
     """One column's entries of three projected rows."""
     return wp.vec3d(rows.entries[b, m, column], rows.entries[b, m + 1, column], rows.entries[b, m + 2, column])
@@ -123,6 +113,8 @@ def correct_three(belief: Belief, rows: Rows, b: int, S: wp.mat33d, residual: wp
         slot = belief.slot[b, r]
         if slot >= 0:
             shift_state(belief, b, r, gain(rows, b, 0, slot, y))
+    for k in range(belief.calibration.shape[1]):
+        belief.calibration[b, k] = belief.calibration[b, k] + gain(rows, b, 0, k, y)
     return True
 
 
@@ -171,17 +163,53 @@ def passes(white: Whitening, gate: wp.float64) -> bool:
 
 
 @wp.func
-def correct_six(belief: Belief, rows: Rows, b: int, white: Whitening):
-    """Kalman update with six projected rows."""
+def settle(rows: Rows, b: int, slots: int):
+    """Let P fall by the rows that are kept: its upper blocks, which are then mirrored."""
+    pending = rows.pending[b]
+    for s in range(slots):
+        for i in range(15 * (s + 1)):
+            entry = rows.covariance[b, i, s]
+            for p in range(pending):
+                entry = entry - rows.kept[b, p, s] * rows.kept_entries[b, p, i]
+            rows.covariance[b, i, s] = entry
+    for s in range(slots):
+        for r in range(s):
+            for k in range(15):
+                mirrored = vec15d()
+                for c in range(15):
+                    mirrored[c] = rows.covariance[b, 15 * r + c, s][k]
+                rows.covariance[b, 15 * s + k, r] = mirrored
+    rows.pending[b] = 0
+
+
+@wp.func
+def keep_six(belief: Belief, rows: Rows, b: int, white: Whitening):
+    """Kalman update with six projected rows; P falls by them when `settle` is called, or for want of room."""
     slots = belief.slots[b]
     weigh(rows, b, 0, slots, white.upper)
     deduct(rows, b, slots, white.between)
     weigh(rows, b, 3, slots, white.lower)
-    fall_by_six(rows, b, slots)
+    if rows.pending[b] + 6 > rows.kept.shape[1]:
+        settle(rows, b, slots)
+    first = rows.pending[b]
+    for m in range(6):
+        for s in range(slots):
+            rows.kept[b, first + m, s] = rows.projected[b, m, s]
+    rows.pending[b] = first + 6
     for r in range(belief.slot.shape[1]):
         slot = belief.slot[b, r]
         if slot >= 0:
             shift_state(belief, b, r, gain(rows, b, 0, slot, white.first) + gain(rows, b, 3, slot, white.last))
+    for k in range(belief.calibration.shape[1]):
+        shift = gain(rows, b, 0, k, white.first) + gain(rows, b, 3, k, white.last)
+        belief.calibration[b, k] = belief.calibration[b, k] + shift
+
+
+@wp.func
+def correct_six(belief: Belief, rows: Rows, b: int, white: Whitening):
+    """Kalman update with six projected rows."""
+    keep_six(belief, rows, b, white)
+    settle(rows, b, belief.slots[b])
 
 
 @wp.func

@@ -9,9 +9,19 @@ from __future__ import annotations
 import warp as wp
 
 from coop_envs.agents.command import Command
-from coop_envs.estimation.belief import ACCEL, GYRO, POSITION, THETA, VELOCITY, WAITING, Belief, MemberModel
+from coop_envs.estimation.belief import (
+    ACCEL,
+    GYRO,
+    POSITION,
+    THETA,
+    VELOCITY,
+    WAITING,
+    Belief,
+    MemberModel,
+    vec15d,
+)
 from coop_envs.estimation.joining import Plans, Prior, welcome
-from coop_envs.estimation.rows import Rows, vec15d
+from coop_envs.estimation.rows import Rows
 from coop_envs.geometry.so3 import exp_so3, orthonormal
 from coop_envs.sensing.measurements import Measurements
 
@@ -20,6 +30,7 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 15})
 STILL_RAD_S = wp.constant(1.0e-3)
 QUIET_GYRO = wp.constant(wp.float64(0.02))
 QUIET_ACCEL = wp.constant(wp.float64(0.25))
+SETTLED_M2 = wp.constant(wp.float64(1.0e-12))
 
 
 @wp.struct
@@ -161,6 +172,36 @@ def propagate_covariance(belief: Belief, rows: Rows, b: int, slot: int, phi: Tra
     for i in range(15):
         for k in range(i):
             P[b, row + k, row + i] = P[b, row + i, row + k]
+
+
+@wp.func
+def linearise(belief: Belief, b: int):
+    """Updates from here on take their derivatives at the poses as they are now."""
+    for r in range(belief.slot.shape[1]):
+        belief.first_position[b, r] = belief.position[b, r]
+        belief.first_velocity[b, r] = belief.velocity[b, r]
+
+
+@wp.func
+def follow_shift(belief: Belief, rows: Rows, b: int):
+    """Carry the covariance from where updates were linearised to where they moved the team.
+
+    A turn of the whole team about gravity moves a robot by ``theta x p``: what nobody can observe depends on p. So that
+    updates, each at another p, do not seem to tell of it, errors are carried over by p - [shift]x theta, as they are in
+    an invariant filter, whose position error is p + [p_hat]x theta and knows no p_hat in what it cannot observe.
+
+    Source: Barrau and Bonnabel, The invariant extended Kalman filter as a stable observer, 2017; Huang, Mourikis,
+    Roumeliotis, Observability-based rules for consistent EKF SLAM, 2010, for the derivatives at first estimates.
+    """
+    for r in range(belief.slot.shape[1]):
+        if belief.slot[b, r] >= 0:
+            moved = belief.position[b, r] - belief.first_position[b, r]
+            gained = belief.velocity[b, r] - belief.first_velocity[b, r]
+            if wp.length_sq(moved) + wp.length_sq(gained) > SETTLED_M2:
+                phi = Transition()
+                phi.position_theta = wp.skew(moved) * wp.float64(-1.0)
+                phi.velocity_theta = wp.skew(gained) * wp.float64(-1.0)
+                propagate_covariance(belief, rows, b, belief.slot[b, r], phi)
 
 
 @wp.func

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import warp as wp
 
-from coop_envs.estimation.belief import ERROR_STATES, Belief
+from coop_envs.estimation.belief import ERROR_STATES, Belief, vec15d
 
 MOST_ROWS = 6
-
-
-class vec15d(wp.types.vector(length=ERROR_STATES, dtype=wp.float64)):  # noqa: N801 - a Warp type, named as Warp's own
-    """Fifteen numbers in double precision: a row's entries that belong to one slot."""
+MOST_KEPT = 60
+EFFECTS = wp.constant(3)
 
 
 @wp.struct
@@ -23,11 +21,24 @@ class Rows:
         (B, 6, S) H P of the update at hand, then L^-1 H P.
     entries
         (B, 6, 15 S) its entries, the same memory.
+    kept
+        (B, K, S) rows N of sightings by which P has still to fall: P - N^T N is meant; ``pending`` (B,) of them.
+    kept_entries
+        (B, K, 15 S) their entries, the same memory.
+    effect
+        (B, 6, 3) how a sighting's pose moves with the states of its camera's calibration and of its hat's (two slots).
+    effect_entries
+        (B, 6, 45) its entries, the same memory.
     """
 
     covariance: wp.array3d[vec15d]
     projected: wp.array3d[vec15d]
     entries: wp.array3d[wp.float64]
+    kept: wp.array3d[vec15d]
+    kept_entries: wp.array3d[wp.float64]
+    pending: wp.array[int]
+    effect: wp.array3d[vec15d]
+    effect_entries: wp.array3d[wp.float64]
 
 
 def allocate_rows(belief: Belief) -> Rows:
@@ -40,4 +51,11 @@ def allocate_rows(belief: Belief) -> Rows:
     rows.projected = wp.zeros((teams, MOST_ROWS, slots), dtype=vec15d, device=device)
     entries = (teams, MOST_ROWS, size)
     rows.entries = wp.array(ptr=rows.projected.ptr, shape=entries, dtype=wp.float64, device=device)
+    kept = min(MOST_KEPT, MOST_ROWS * max(belief.slot.shape[1] - 1, 1))
+    rows.kept = wp.zeros((teams, kept, slots), dtype=vec15d, device=device)
+    rows.kept_entries = wp.array(ptr=rows.kept.ptr, shape=(teams, kept, size), dtype=wp.float64, device=device)
+    rows.pending = wp.zeros(teams, dtype=int, device=device)
+    rows.effect = wp.zeros((teams, MOST_ROWS, EFFECTS), dtype=vec15d, device=device)
+    entries = (teams, MOST_ROWS, ERROR_STATES * EFFECTS)
+    rows.effect_entries = wp.array(ptr=rows.effect.ptr, shape=entries, dtype=wp.float64, device=device)
     return rows

@@ -33,8 +33,13 @@ class Estimation:
 
     ``start_*`` say how exactly people set robots down and how level the ground is there: standard deviations, which the
     filter starts from; within ``start_ground_m`` of there they have seen the ground carry a robot. ``slip_*`` are the
-    random walk of a robot at rest. ``focal_sigma`` (relative) and ``centre_sigma_px`` say how well the cameras are
-    calibrated, for poses and points; a point that is less certain than ``point_sigma_m`` is not used.
+    random walk of a robot at rest. Without ``wheels`` the filter does not listen to wheel odometry.
+
+    Standard deviations by which calibrations may be off, each constant: ``focal_sigma`` (relative) and
+    ``centre_sigma_px`` of a camera's lens, ``lever_sigma_m`` and ``lever_sigma_rad`` of its place in the body,
+    ``hat_sigma_m`` of each LED's place along each axis. What is above 0 the filter estimates. ``camera_shake_rad`` is
+    how much a camera's axes shake, each, while its robot moves. A scanned point that is less certain than
+    ``point_sigma_m`` is not used.
     """
 
     __pydantic_config__ = STRICT
@@ -50,13 +55,22 @@ class Estimation:
     start_yaw_rad: float = 0.03
     start_tilt_rad: float = 0.05
     start_ground_m: float = 0.10
+    wheels: bool = True
     focal_sigma: float = 0.0
     centre_sigma_px: float = 0.0
+    lever_sigma_m: float = 0.0
+    lever_sigma_rad: float = 0.0
+    hat_sigma_m: float = 0.0
+    camera_shake_rad: float = 0.0
     point_sigma_m: float = 0.08
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             require(value >= 0, f"estimation.{name}", value, "0 or more")
+
+    @property
+    def calibrates_cameras(self) -> bool:
+        return max(self.focal_sigma, self.centre_sigma_px, self.lever_sigma_m, self.lever_sigma_rad) > 0
 
 
 @dataclass(frozen=True)

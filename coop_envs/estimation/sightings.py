@@ -14,7 +14,17 @@ from __future__ import annotations
 import warp as wp
 
 from coop_envs.estimation.belief import POSITION, THETA, Belief, MemberModel
-from coop_envs.estimation.kalman import GATE_SIX, correct_six, passes, row3, whitening
+from coop_envs.estimation.calibration import (
+    Optics,
+    Seen,
+    add_effects,
+    effect_innovation,
+    effect_of_kept,
+    effect_shift,
+    find_effects,
+)
+from coop_envs.estimation.kalman import GATE_SIX, Whitening, keep_six, kept3, passes, row3, settle, whitening
+from coop_envs.estimation.propagation import FilterModel
 from coop_envs.estimation.rows import Rows
 from coop_envs.geometry.so3 import log_so3
 from coop_envs.sensing.measurements import Measurements
@@ -24,7 +34,11 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 ENOUGH_SIGHTINGS = wp.constant(25)
 REJECTIONS = wp.constant(3)
+REJECTED_S = wp.constant(0.3)
 FRESH_S = wp.constant(2.0)
+NEWEST = wp.constant(wp.float64(1.0 / 16.0))
+GATE_WANDERING = wp.constant(wp.float64(38.3))
+"""Chi-square with six degrees of freedom at a probability of 1e-6."""
 DOUBT = wp.constant(wp.float64(0.01))
 
 
@@ -32,9 +46,12 @@ DOUBT = wp.constant(wp.float64(0.01))
 class Sighting:
     """How a camera's view of a robot departs from the belief, and how the belief's errors move it.
 
-    ``axes`` is R_CG, ``lever`` R_CG [p_j - p_i]x; ``camera`` and ``robot`` are the first columns of robots i and j.
+    ``rotation`` and ``position`` are the pose that it should give, ``axes`` is R_CG, ``lever`` R_CG [p_j - p_i]x at the
+    first estimates; ``camera`` and ``robot`` are the first columns of robots i and j.
     """
 
+    rotation: wp.mat33d
+    position: wp.vec3d
     axes: wp.mat33d
     lever: wp.mat33d
     residual: vec6d
@@ -49,10 +66,13 @@ def compare(belief: Belief, measured: Measurements, member: MemberModel, b: int,
     R_CG = wp.transpose(belief.rotation[b, i] * member.R_body_camera)
     d = belief.position[b, j] - belief.position[b, i]
     p_hat = R_CG * d - wp.transpose(member.R_body_camera) * member.p_body_camera
-    turn = log_so3(wp.mat33d(measured.R_camera_body[b, i, j]) * wp.transpose(R_CG * belief.rotation[b, j]))
+    R_hat = R_CG * belief.rotation[b, j]
+    turn = log_so3(wp.mat33d(measured.R_camera_body[b, i, j]) * wp.transpose(R_hat))
     shift = wp.vec3d(measured.p_camera_body[b, i, j]) - p_hat
+    view.rotation = R_hat
+    view.position = p_hat
     view.axes = R_CG
-    view.lever = R_CG * wp.skew(d)
+    view.lever = R_CG * wp.skew(belief.first_position[b, j] - belief.first_position[b, i])
     view.residual = vec6d(turn[0], turn[1], turn[2], shift[0], shift[1], shift[2])
     view.camera = 15 * belief.slot[b, i]
     view.robot = 15 * belief.slot[b, j]
@@ -95,66 +115,142 @@ def innovation(rows: Rows, b: int, view: Sighting, noise: mat66d) -> mat66d:
 
 
 @wp.func
-def calibration_noise(member: MemberModel, p: wp.vec3d) -> mat66d:
-    """What errors of the focal length and the principal point add to the covariance of a pose at p (camera axes).
-
-    A longer focal length brings the robot nearer, a shifted centre turns all that the camera sees. Such errors do not
-    average out, but sightings are fused as if they did: so they count as often as a pair at rest is averaged.
-    """
+def shake_noise(member: MemberModel, p: wp.vec3d) -> mat66d:
+    """What a camera that shakes about its axes adds to the covariance of a pose at p (camera axes)."""
     zero = wp.float64(0.0)
     one = wp.float64(1.0)
-    nearer = vec6d(zero, zero, zero, zero, zero, p[2]) * member.focal_sigma
-    pitched = vec6d(one, zero, zero, zero, -p[2], p[1]) * member.centre_sigma
-    panned = vec6d(zero, one, zero, p[2], zero, -p[0]) * member.centre_sigma
-    total = wp.outer(nearer, nearer) + wp.outer(pitched, pitched) + wp.outer(panned, panned)
-    return total * wp.float64(ENOUGH_SIGHTINGS)
+    pitched = vec6d(one, zero, zero, zero, -p[2], p[1])
+    panned = vec6d(zero, one, zero, p[2], zero, -p[0])
+    rolled = vec6d(zero, zero, one, -p[1], p[0], zero)
+    total = wp.outer(pitched, pitched) + wp.outer(panned, panned) + wp.outer(rolled, rolled)
+    return total * (member.camera_shake * member.camera_shake)
 
 
 @wp.func
-def pose_noise(measured: Measurements, member: MemberModel, b: int, i: int, j: int) -> mat66d:
+def pose_noise(belief: Belief, measured: Measurements, member: MemberModel, b: int, i: int, j: int) -> mat66d:
     """Covariance of the pose of robot j from the camera of robot i."""
     covariance = measured.covariance[b, i, j]
-    if member.focal_sigma > wp.float64(0.0) or member.centre_sigma > wp.float64(0.0):
-        covariance = covariance + calibration_noise(member, wp.vec3d(measured.p_camera_body[b, i, j]))
+    if belief.stationary[b, i] == 0 and member.camera_shake > wp.float64(0.0):
+        covariance = covariance + shake_noise(member, wp.vec3d(measured.p_camera_body[b, i, j]))
     return covariance
 
 
 @wp.func
-def correct_pose(
-    belief: Belief, measured: Measurements, member: MemberModel, rows: Rows, b: int, i: int, j: int
-) -> bool:
-    """Update with the pose of robot j from the camera of robot i."""
-    view = compare(belief, measured, member, b, i, j)
-    for s in range(belief.slots[b]):
-        project(rows, b, view, s)
-    white = whitening(innovation(rows, b, view, pose_noise(measured, member, b, i, j)), view.residual)
-    if not passes(white, GATE_SIX):
-        return False
-    correct_six(belief, rows, b, white)
-    return True
+def bend_noise(belief: Belief, view: Sighting, b: int) -> mat66d:
+    """What the first order leaves out: a camera found elsewhere that is unsure of its axes cannot say just where.
+
+    That is the shift across the camera's error of axes: centimetres when a robot is seen again after a long way in the
+    dark, else nothing. Without it the correction would claim more than it can know.
+    """
+    row = view.camera + THETA
+    P = belief.covariance
+    variance = (P[b, row, row] + P[b, row + 1, row + 1] + P[b, row + 2, row + 2]) / wp.float64(3.0)
+    shift = wp.vec3d(view.residual[3], view.residual[4], view.residual[5])
+    bend = (wp.identity(n=3, dtype=wp.float64) * wp.dot(shift, shift) - wp.outer(shift, shift)) * variance
+    total = mat66d()
+    for m in range(3):
+        for k in range(3):
+            total[3 + m, 3 + k] = bend[m, k]
+    return total
+
+
+@wp.struct
+class Verdict:
+    """A sighting compared with the belief: its noise, its whitened residual and what it was whitened with."""
+
+    view: Sighting
+    noise: mat66d
+    spread: mat66d
+    white: Whitening
 
 
 @wp.func
-def confirm_pose(
-    belief: Belief, measured: Measurements, member: MemberModel, rows: Rows, b: int, i: int, j: int
-) -> bool:
-    """Whether a pose would pass the gate; nothing is updated."""
-    view = compare(belief, measured, member, b, i, j)
-    project(rows, b, view, belief.slot[b, i])
-    project(rows, b, view, belief.slot[b, j])
-    S = innovation(rows, b, view, pose_noise(measured, member, b, i, j))
-    return passes(whitening(S, view.residual), GATE_SIX)
+def judge(
+    belief: Belief, measured: Measurements, members: wp.array[MemberModel], optics: Optics, rows: Rows,
+    b: int, i: int, j: int, whole: bool,
+) -> Verdict:  # fmt: skip
+    """Compare a pose with the belief; its rows are projected for the two robots alone or for the ``whole`` team."""
+    out = Verdict()
+    out.view = compare(belief, measured, members[i], b, i, j)
+    calibrated = members[i].camera_slot >= 0 or members[j].hat_slot >= 0
+    if calibrated:
+        seen = Seen()
+        seen.i = i
+        seen.j = j
+        seen.R = out.view.rotation
+        seen.p = out.view.position
+        seen.leds = measured.leds[b, i, j]
+        find_effects(rows, optics, members[i], members[j], b, seen)
+        out.view.residual = out.view.residual - effect_shift(belief, rows, optics, members[i], members[j], b, j)
+    for s in range(belief.slots[b]):
+        if whole or calibrated or s == belief.slot[b, i] or s == belief.slot[b, j]:
+            project(rows, b, out.view, s)
+            if calibrated:
+                add_effects(rows, optics, members[i], members[j], b, j, s)
+    subtract_kept(belief, rows, optics, members, out.view, b, i, j)
+    out.noise = pose_noise(belief, measured, members[i], b, i, j) + bend_noise(belief, out.view, b)
+    out.spread = innovation(rows, b, out.view, out.noise)
+    if calibrated:
+        out.spread = out.spread + effect_innovation(rows, optics, members[i], members[j], b, j)
+    out.white = whitening(out.spread, out.view.residual)
+    return out
+
+
+@wp.func
+def wanders(belief: Belief, verdict: Verdict, b: int, i: int, j: int) -> bool:
+    """Whether a pair that is taken to rest drifts apart: the mean of sightings shows it before a single one does.
+
+    The newest counts a sixteenth, so the mean has a 31st of a sighting's noise, besides what the belief is unsure of.
+    """
+    mean = belief.wandered[b, i, j] + (verdict.view.residual - belief.wandered[b, i, j]) * NEWEST
+    belief.wandered[b, i, j] = mean
+    noise = verdict.noise * (NEWEST / (wp.float64(2.0) - NEWEST))
+    return not passes(whitening(verdict.spread - verdict.noise + noise, mean), GATE_WANDERING)
+
+
+@wp.func
+def seen_of_kept(rows: Rows, view: Sighting, b: int, p: int) -> vec6d:
+    """H n of a row n that is kept, without calibration states."""
+    own = kept3(rows, b, p, view.camera + THETA)
+    turn = view.axes * (kept3(rows, b, p, view.robot + THETA) - own)
+    shift = kept3(rows, b, p, view.robot + POSITION) - kept3(rows, b, p, view.camera + POSITION)
+    place = view.lever * own + view.axes * shift
+    return vec6d(turn[0], turn[1], turn[2], place[0], place[1], place[2])
+
+
+@wp.func
+def subtract_kept(
+    belief: Belief, rows: Rows, optics: Optics, members: wp.array[MemberModel], view: Sighting, b: int, i: int, j: int
+):
+    """Projected rows fall by what the kept ones mean for them: H (P - N^T N) = H P - (H N^T) N."""
+    for p in range(rows.pending[b]):
+        h = seen_of_kept(rows, view, b, p)
+        if members[i].camera_slot >= 0 or members[j].hat_slot >= 0:
+            h = h + effect_of_kept(rows, optics, members[i], members[j], b, j, p)
+        for s in range(belief.slots[b]):
+            kept = rows.kept[b, p, s]
+            for m in range(6):
+                rows.projected[b, m, s] = rows.projected[b, m, s] - kept * h[m]
+
+
+@wp.func
+def agrees(belief: Belief, verdict: Verdict, b: int, i: int, j: int) -> bool:
+    """Whether a sighting that failed the gate shows a robot where the last one that did showed it; it is kept."""
+    apart = whitening(verdict.spread * wp.float64(2.0), verdict.view.residual - belief.refused[b, i, j])
+    belief.refused[b, i, j] = verdict.view.residual
+    return passes(apart, GATE_SIX)
 
 
 @wp.func
 def doubt(belief: Belief, b: int, r: int):
-    """A robot whose sightings fail the gate in a row was moved or slipped: its pose is believed ever less."""
+    """A robot whose sightings fail the gate and agree was moved or slipped: its pose is believed ever less."""
     row = 15 * belief.slot[b, r]
     for k in range(6):
         belief.covariance[b, row + k, row + k] = wp.float64(2.0) * belief.covariance[b, row + k, row + k] + DOUBT
     belief.rejected[b, r] = 0
     belief.stationary[b, r] = 0
     belief.rest_s[b, r] = 0.0
+    belief.demoted[b, r] = 1
 
 
 @wp.func
@@ -170,36 +266,57 @@ def blame(belief: Belief, b: int, i: int, j: int, refused: int, accepted: int) -
 
 
 @wp.func
+def suspect(belief: Belief, model: FilterModel, b: int, r: int):
+    """Count one more sighting that tells of robot r elsewhere; enough of them over a while bring doubt."""
+    if belief.rejected[b, r] == 0:
+        belief.rejected_s[b, r] = 0.0
+    else:
+        belief.rejected_s[b, r] = belief.rejected_s[b, r] + model.decision_s
+    belief.rejected[b, r] = belief.rejected[b, r] + 1
+    if belief.rejected[b, r] >= REJECTIONS and belief.rejected_s[b, r] >= REJECTED_S:
+        doubt(belief, b, r)
+
+
+@wp.func
 def fuse_sightings(
-    belief: Belief, measured: Measurements, members: wp.array[MemberModel], rows: Rows,
-    b: int, i: int,
+    belief: Belief, measured: Measurements, members: wp.array[MemberModel], optics: Optics, model: FilterModel,
+    rows: Rows, b: int, i: int,
 ):  # fmt: skip
     """Fuse what camera i saw. Between two robots at rest the same view is only checked after a while."""
     accepted = int(0)
     refused = int(0)
-    suspect = int(-1)
+    last = int(-1)
     for j in range(members.shape[0]):
         belief.seen[b, i, j] = 0
         if measured.seen[b, i, j] == 1 and belief.slot[b, i] >= 0 and belief.slot[b, j] >= 0:
             resting = belief.stationary[b, i] == 1 and belief.stationary[b, j] == 1
-            if resting and belief.averaged[b, i, j] >= ENOUGH_SIGHTINGS:
-                belief.seen[b, i, j] = int(confirm_pose(belief, measured, members[i], rows, b, i, j))
-            elif correct_pose(belief, measured, members[i], rows, b, i, j):
+            only_check = resting and belief.averaged[b, i, j] >= ENOUGH_SIGHTINGS
+            verdict = judge(belief, measured, members, optics, rows, b, i, j, not only_check)
+            fits = passes(verdict.white, GATE_SIX)
+            apart = bool(False)
+            if fits and only_check:
+                apart = wanders(belief, verdict, b, i, j)
+            if fits and not apart:
+                if not only_check:
+                    keep_six(belief, rows, b, verdict.white)
+                    belief.averaged[b, i, j] = belief.averaged[b, i, j] + 1
+                    belief.wandered[b, i, j] = vec6d()
                 belief.seen[b, i, j] = 1
-                belief.averaged[b, i, j] = belief.averaged[b, i, j] + 1
-            if belief.seen[b, i, j] == 1:
-                accepted = accepted + 1
                 belief.rejected[b, j] = 0
-            else:
+                accepted = accepted + 1
+            elif apart or agrees(belief, verdict, b, i, j):
                 refused = refused + 1
+            else:
+                belief.rejected[b, i] = 0
+                belief.rejected[b, j] = 0
+    if rows.pending[b] > 0:
+        settle(rows, b, belief.slots[b])
     if accepted > 0:
         belief.rejected[b, i] = 0
     for j in range(members.shape[0]):
         out_of_place = measured.seen[b, i, j] == 1 and belief.seen[b, i, j] == 0
         if out_of_place and belief.slot[b, i] >= 0 and belief.slot[b, j] >= 0:
             culprit = blame(belief, b, i, j, refused, accepted)
-            if culprit != suspect:
-                suspect = culprit
-                belief.rejected[b, culprit] = belief.rejected[b, culprit] + 1
-                if belief.rejected[b, culprit] >= REJECTIONS:
-                    doubt(belief, b, culprit)
+            if culprit != last:
+                last = culprit
+                suspect(belief, model, b, culprit)

@@ -38,13 +38,16 @@ class Calibration(Protocol):
     def pitch_down_rad(self) -> float: ...
     @property
     def max_range_m(self) -> float: ...
+    @property
+    def shake_rad(self) -> float: ...
 
 
 @wp.struct
 class CameraModel:
     """``fitted`` is 0 on a robot without a camera. ``R_body_camera``, ``p_body_camera`` mount it; f and c in pixels.
 
-    ``fold`` is where the distortion model ends, see `fold_tan2`.
+    ``fold`` is where the distortion model ends, see `fold_tan2`; ``shake`` (rad, rms) how far the camera turns about
+    each of its axes while its robot drives.
     """
 
     fitted: int
@@ -57,6 +60,7 @@ class CameraModel:
     tangential: wp.vec2
     fold: float
     max_range: float
+    shake: float
 
 
 def body_from_camera(pitch_down_rad: float) -> NDArray[np.float64]:
@@ -89,6 +93,7 @@ def camera_model(calibration: Calibration | None) -> CameraModel:
     model.size = wp.vec2(float(calibration.width_px), float(calibration.height_px))
     model.radial, model.tangential = wp.vec3(k1, k2, k3), wp.vec2(p1, p2)
     model.fold, model.max_range = fold_tan2(k1, k2, k3), calibration.max_range_m
+    model.shake = calibration.shake_rad
     return model
 
 

@@ -35,6 +35,8 @@ class Measurements:
         (B, N, N) that pose: p_camera = R_camera_body p_body + p_camera_body, metres.
     covariance
         (B, N, N) of its error: rotation (rad, applied from the left, camera axes), then position (m).
+    leds
+        (B, N, N) which of the hat's LEDs it rests on, bit k for LED k; 0 where nobody tells.
     """
 
     gyro: wp.array3d[wp.vec3]
@@ -50,6 +52,7 @@ class Measurements:
     p_camera_body: wp.array3d[wp.vec3]
     R_camera_body: wp.array3d[wp.mat33]
     covariance: wp.array3d[mat66d]
+    leds: wp.array3d[int]
 
 
 def allocate_measurements(teams: int, robots: int, ticks: int, device: str) -> Measurements:

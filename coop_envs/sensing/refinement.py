@@ -140,6 +140,16 @@ def assigned(
 
 
 @wp.func
+def leds_used(blob: vec8i, leds: int) -> int:
+    """The LEDs that have a blob, bit k for LED k."""
+    used = int(0)
+    for k in range(leds):
+        if blob[k] >= 0:
+            used = used | (1 << k)
+    return used
+
+
+@wp.func
 def same_blobs(a: vec8i, b: vec8i) -> bool:
     """Whether two assignments are the same."""
     same = bool(True)

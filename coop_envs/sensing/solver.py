@@ -19,7 +19,7 @@ from coop_envs.sensing.hats import MAX_LEDS, Hats
 from coop_envs.sensing.leds import LedModel, pixel_noise
 from coop_envs.sensing.measurements import Measurements
 from coop_envs.sensing.poses import cholesky6, inverse_from_cholesky6
-from coop_envs.sensing.refinement import Pose, Workspace, linearised
+from coop_envs.sensing.refinement import Pose, Workspace, leds_used, linearised
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
@@ -123,6 +123,7 @@ def report(
     out.seen[b, i, j] = 1
     out.R_camera_body[b, i, j] = wp.mat33(pose.rotation)
     out.p_camera_body[b, i, j] = wp.vec3(pose.position)
+    out.leds[b, i, j] = leds_used(pose.blob, hats.leds[j])
     out.covariance[b, i, j] = inverse_from_cholesky6(low)
     return POSE
 

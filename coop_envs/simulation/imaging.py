@@ -10,7 +10,8 @@ import warp as wp
 
 from coop_envs.agents.command import Command
 from coop_envs.geometry.arrays import allocate
-from coop_envs.geometry.keyed_random import draw_key, normal2, uniform
+from coop_envs.geometry.keyed_random import draw_key, normal2, normal3, uniform
+from coop_envs.geometry.so3 import exp_so3
 from coop_envs.sensing.camera import CameraModel, in_view, project
 from coop_envs.sensing.features import Features
 from coop_envs.sensing.hats import Hats
@@ -25,6 +26,7 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 HAT_CHANNEL, HAT_CHANNELS = wp.constant(64), wp.constant(16)
 FALSE_CHANNEL, LED_CHANNEL = wp.constant(2048), wp.constant(4096)
+SHAKE_CHANNEL = wp.constant(2560)
 REFLECTION_M = wp.constant(0.3)
 FALSE_LIGHTS = 4
 
@@ -52,11 +54,21 @@ def allocate_labels(teams: int, robots: int, blobs: int, device: str) -> Labels:
 
 
 @wp.func
+def camera_axes(state: State, camera: CameraModel, b: int, i: int) -> wp.mat33:
+    """R_world_camera of camera i in this frame; its mount shakes while the robot's wheels turn."""
+    axes = state.rotation[b, i] * camera.R_body_camera
+    if camera.shake > 0.0 and wp.length(state.wheels[b, i]) > 0.0:
+        turn = normal3(state.key[b], state.tick[b], i, SHAKE_CHANNEL) * camera.shake
+        axes = axes * wp.mat33(exp_so3(wp.vec3d(turn)))
+    return axes
+
+
+@wp.func
 def view_of(state: State, camera: CameraModel, error: CalibrationError, b: int, i: int) -> View:
     """Camera i as it really is."""
     view = View()
     view.lens = true_camera(camera, error, state.key[b], i)
-    view.axes = state.rotation[b, i] * camera.R_body_camera
+    view.axes = camera_axes(state, camera, b, i)
     view.eye = state.position[b, i] + state.rotation[b, i] * camera.p_body_camera
     return view
 

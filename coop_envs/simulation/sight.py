@@ -18,7 +18,7 @@ from coop_envs.sensing.leds import LedModel, pixel_noise
 from coop_envs.sensing.measurements import Measurements
 from coop_envs.sensing.poses import cholesky6, information_of, inverse_from_cholesky6, led_rows, mat66d, vec6d
 from coop_envs.sensing.solver import NOT_ASKED, POSE, TOO_FEW_LEDS
-from coop_envs.simulation.imaging import Labels, reflection
+from coop_envs.simulation.imaging import Labels, camera_axes, reflection
 from coop_envs.simulation.state import State
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
@@ -30,18 +30,20 @@ def see_hat(
     out: Measurements, b: int, i: int, j: int,
 ) -> int:  # fmt: skip
     """The pose of hat j in camera i from its own blobs, linearised at the truth."""
-    R_world_camera = state.rotation[b, i] * camera.R_body_camera
+    R_world_camera = camera_axes(state, camera, b, i)
     eye = state.position[b, i] + state.rotation[b, i] * camera.p_body_camera
     R = wp.mat33d(wp.transpose(R_world_camera) * state.rotation[b, j])
     p = wp.transpose(R_world_camera) * (state.position[b, j] - eye) + reflection(state, model, b, i, j)
     information = mat66d()
     gradient = vec6d()
     leds = int(0)
+    used = int(0)
     for k in range(features.count[b, i]):
         if labels.robot[b, i, k] == j:
             led = labels.led[b, i, k]
             if hue_apart(features.hue[b, i, k], hats.hue[j, led]) <= model.hue_tolerance:
                 leds = leds + 1
+                used = used | (1 << led)
                 rows = led_rows(camera, R * wp.vec3d(hats.position[j, led]), wp.vec3d(p))
                 sigma = wp.float64(pixel_noise(model, features.signal[b, i, k]))
                 weight = wp.float64(1.0) / (sigma * sigma)
@@ -59,6 +61,7 @@ def see_hat(
     out.R_camera_body[b, i, j] = wp.mat33(exp_so3(wp.vec3d(error[0], error[1], error[2])) * R)
     out.p_camera_body[b, i, j] = p + wp.vec3(float(error[3]), float(error[4]), float(error[5]))
     out.covariance[b, i, j] = covariance
+    out.leds[b, i, j] = used
     return POSE
 
 

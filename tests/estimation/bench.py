@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 import warp as wp
 from scipy.spatial.transform import Rotation
@@ -9,13 +12,17 @@ from scipy.spatial.transform import Rotation
 from coop_envs.agents.catalog import load_team
 from coop_envs.agents.team import Team
 from coop_envs.estimation.belief import Belief, MemberModel, allocate_belief, member_models
+from coop_envs.estimation.calibration import Optics, pack_optics
 from coop_envs.estimation.correction import correct_odometry, correct_rest
+from coop_envs.estimation.kalman import GATE_SIX, correct_six, passes
 from coop_envs.estimation.propagation import FilterModel, Transition, add_noise, integrate, propagate_covariance
 from coop_envs.estimation.rows import Rows, allocate_rows
 from coop_envs.estimation.settings import Estimation
-from coop_envs.estimation.sightings import compare, confirm_pose, correct_pose, innovation, project
+from coop_envs.estimation.sightings import compare, innovation, judge, project
 from coop_envs.sensing.measurements import Measurements, allocate_measurements
 from coop_envs.sensing.poses import mat66d, vec6d
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 TICK_S, TICKS = 1.0 / 30.0, 6
 G = np.array([0.0, 0.0, -9.81])
@@ -69,16 +76,17 @@ def run_pose(
     belief: Belief,
     measured: Measurements,
     members: wp.array[MemberModel],
+    optics: Optics,
     rows: Rows,
     i: int,
     j: int,
     update: int,
     done: wp.array[int],
 ):
-    if update == 1:
-        done[0] = int(correct_pose(belief, measured, members[i], rows, 0, i, j))
-    else:
-        done[0] = int(confirm_pose(belief, measured, members[i], rows, 0, i, j))
+    verdict = judge(belief, measured, members, optics, rows, 0, i, j, update == 1)
+    done[0] = int(passes(verdict.white, GATE_SIX))
+    if update == 1 and done[0] == 1:
+        correct_six(belief, rows, 0, verdict.white)
 
 
 @wp.kernel
@@ -108,18 +116,21 @@ def run_rest(
 class Bench:
     """Belief of one team, every robot in the slot of its own number, far from any special pose."""
 
-    def __init__(self, team: Team = TEAM, seed: int = 0) -> None:
+    def __init__(self, team: Team = TEAM, seed: int = 0, settings: Mapping[str, Any] | None = None) -> None:
         self.n = len(team.members)
         self.rng = np.random.default_rng(seed)
-        self.members = member_models(team, Estimation(), "cpu")
-        self.belief: Belief = allocate_belief(team, 1, "cpu")
+        wanted = Estimation(**(settings or {}))
+        self.members = member_models(team, wanted, "cpu")
+        self.belief: Belief = allocate_belief(team, 1, "cpu", wanted)
         self.measured: Measurements = allocate_measurements(1, self.n, TICKS, "cpu")
         self.rows = allocate_rows(self.belief)
+        self.optics = pack_optics(team, "cpu")
         self.model = FilterModel()
         self.model.tick_s, self.model.decision_s = TICK_S, TICK_S * TICKS
         self.model.rest_s, self.model.odometry_scale = 0.3, 1.0
-        self.belief.slot.assign(np.arange(self.n, dtype=np.int32)[None])
-        self.belief.slots.fill_(self.n)
+        first = self.belief.calibration.shape[1]
+        self.belief.slot.assign(first + np.arange(self.n, dtype=np.int32)[None])
+        self.belief.slots.fill_(first + self.n)
         self.measured.heard.fill_(1)
         draw = self.rng.normal
         self.set("rotation", Rotation.from_euler("zyx", draw(size=(self.n, 3)) * [1.0, 0.2, 0.2]).as_matrix())
@@ -140,6 +151,8 @@ class Bench:
         return getattr(self.belief, name).numpy()[0].copy()
 
     def set(self, name: str, value: np.ndarray) -> None:
+        if name in ("position", "velocity"):
+            self.set(f"first_{name}", value)
         target = getattr(self.belief, name)
         target.assign(np.asarray(value)[None].astype(target.numpy().dtype))
 

@@ -83,3 +83,32 @@ def test_single_outliers_demote_nobody():
         teams.act({})
         demoted += int((teams.belief("stationary") == 0).sum())
     assert demoted < 0.01 * 100 * teams.belief("stationary").size
+
+
+def slide(teams: Teams, r: int, speed_m_s: float, seconds: float) -> int:
+    """Robot r, at rest, slides sideways; how many of the teams noticed."""
+    noticed = np.zeros(teams.B, dtype=bool)
+    tick_s = teams.scenario.rates.tick_s
+    for _ in range(round(seconds / tick_s)):
+        teams.push_truth(r, (0.0, speed_m_s * tick_s))
+        teams.rest(1)
+        noticed |= teams.belief("demoted")[:, r] == 1
+    return int(noticed.sum())
+
+
+def test_a_landmark_that_slides_too_slowly_to_feel_is_demoted_and_placed_anew():
+    teams = Teams("u_turn", teams=20, seed=2, rates={"ticks_per_decision": 1})
+    teams.rest(90)
+    assert slide(teams, 1, 0.004, 4.0) == 20  # 16 mm in all
+    teams.rest(60)
+    assert np.median(teams.position_error_m()[:, 1]) < 0.004
+    assert teams.nees()[:, 1].mean() < 3.0
+
+
+def test_nobody_at_rest_is_doubted_without_reason():
+    teams = Teams("u_turn", teams=50, seed=5, rates={"ticks_per_decision": 1}, sensing={"outlier": 0.1})
+    doubted = 0
+    for _ in range(600):
+        teams.rest(1)
+        doubted += int(teams.belief("demoted").sum())
+    assert doubted == 0
