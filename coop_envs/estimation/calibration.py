@@ -141,10 +141,7 @@ def camera_effects(rows: Rows, optics: Optics, member: MemberModel, seen: Seen, 
 
 @wp.func
 def find_effects(rows: Rows, optics: Optics, member: MemberModel, other: MemberModel, b: int, seen: Seen):
-    """Enter into ``rows.effect`` how a pose moves with calibration states.
-
-    It is to be the predicted pose: at the measured one, noise would make it seem as if every frame showed another side.
-    """
+    """Enter into ``rows.effect`` how a pose moves with calibration states."""
     seen.spread = pose_spread(optics, seen)
     if member.camera_slot >= 0:
         camera_effects(rows, optics, member, seen, b)

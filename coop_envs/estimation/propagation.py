@@ -307,7 +307,8 @@ def propagate(
             else:
                 phi = integrate(belief, measured, model, b, r)
                 shake = wp.float64(0.0)
-                if wp.length(measured.wheels[b, r]) > STILL_RAD_S:
+                driven = wp.length(command.wheels[b, r]) > STILL_RAD_S
+                if driven or wp.length(measured.wheels[b, r]) > STILL_RAD_S:
                     shake = wp.float64(1.0)
                 propagate_covariance(belief, rows, b, slot, phi)
                 add_noise(belief, members[r], b, slot, phi, shake)

@@ -39,6 +39,7 @@ FRESH_S = wp.constant(2.0)
 NEWEST = wp.constant(wp.float64(1.0 / 16.0))
 GATE_WANDERING = wp.constant(wp.float64(38.3))
 """Chi-square with six degrees of freedom at a probability of 1e-6."""
+FAR_OFF = wp.constant(wp.float64(100.0))
 DOUBT = wp.constant(wp.float64(0.01))
 
 
@@ -165,6 +166,26 @@ class Verdict:
 
 
 @wp.func
+def surer_pose(measured: Measurements, view: Sighting, noise: mat66d, b: int, i: int, j: int) -> Seen:
+    """A pose at which to ask for the effect of calibrations: the predicted one, or where that is far off the measured.
+
+    At the measured one, noise would make it seem as if every frame showed the hat from another side, which would feign
+    knowledge; after a long way in the dark the predicted one is the worse guess.
+    """
+    seen = Seen()
+    seen.i = i
+    seen.j = j
+    seen.leds = measured.leds[b, i, j]
+    seen.R = view.rotation
+    seen.p = view.position
+    off = wp.vec3d(view.residual[3], view.residual[4], view.residual[5])
+    if wp.length_sq(off) > FAR_OFF * (noise[3, 3] + noise[4, 4] + noise[5, 5]):
+        seen.R = wp.mat33d(measured.R_camera_body[b, i, j])
+        seen.p = wp.vec3d(measured.p_camera_body[b, i, j])
+    return seen
+
+
+@wp.func
 def judge(
     belief: Belief, measured: Measurements, members: wp.array[MemberModel], optics: Optics, rows: Rows,
     b: int, i: int, j: int, whole: bool,
@@ -172,14 +193,10 @@ def judge(
     """Compare a pose with the belief; its rows are projected for the two robots alone or for the ``whole`` team."""
     out = Verdict()
     out.view = compare(belief, measured, members[i], b, i, j)
+    out.noise = pose_noise(belief, measured, members[i], b, i, j)
     calibrated = members[i].camera_slot >= 0 or members[j].hat_slot >= 0
     if calibrated:
-        seen = Seen()
-        seen.i = i
-        seen.j = j
-        seen.R = out.view.rotation
-        seen.p = out.view.position
-        seen.leds = measured.leds[b, i, j]
+        seen = surer_pose(measured, out.view, out.noise, b, i, j)
         find_effects(rows, optics, members[i], members[j], b, seen)
         out.view.residual = out.view.residual - effect_shift(belief, rows, optics, members[i], members[j], b, j)
     for s in range(belief.slots[b]):
@@ -188,7 +205,7 @@ def judge(
             if calibrated:
                 add_effects(rows, optics, members[i], members[j], b, j, s)
     subtract_kept(belief, rows, optics, members, out.view, b, i, j)
-    out.noise = pose_noise(belief, measured, members[i], b, i, j) + bend_noise(belief, out.view, b)
+    out.noise = out.noise + bend_noise(belief, out.view, b)
     out.spread = innovation(rows, b, out.view, out.noise)
     if calibrated:
         out.spread = out.spread + effect_innovation(rows, optics, members[i], members[j], b, j)

@@ -89,3 +89,8 @@ def test_bad_hats_and_matrices_are_refused():
         replace(hat, leds=hat.leds[:4] + hat.leds[:1])
     with pytest.raises(ConfigError, match="a symmetric matrix"):
         replace(ZUMY.power, marker=((0.0, 1.0), (2.0, 0.0)))
+
+
+def test_a_mount_that_shakes_too_much_is_refused():
+    with pytest.raises(ConfigError, match=r"camera\.shake_rad: got 0\.5, expected 0 to 0\.2 rad"):
+        replace(load_camera("lifecam"), shake_rad=0.5)

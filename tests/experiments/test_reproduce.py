@@ -5,6 +5,7 @@ import json
 import pytest
 
 from coop_envs import cli
+from experiments import localization_study
 from experiments.comparison import Comparison, terminal_table
 from experiments.reproduce import EXPERIMENTS, main
 
@@ -36,6 +37,22 @@ def test_a_folder_that_cannot_be_written_is_refused_first(tmp_path, capsys):
     (tmp_path / "file").write_text("")
     assert cli.main(["reproduce", "figure-6.1", "--out", str(tmp_path / "file" / "x")]) == 2
     assert "out: got" in capsys.readouterr().err
+
+
+def test_a_negative_number_of_seeds_is_refused(tmp_path, capsys):
+    assert cli.main(["reproduce", "table-5.2", "--seeds", "-1", "--out", str(tmp_path)]) == 2
+    assert "seeds: got -1, expected 0 to 1000" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_figures_of_one_drive_share_it(tmp_path, capsys):
+    names = ["figure-5.4", "figure-5.5", "figure-5.6"]
+    assert main([*names, "--seeds", "1", "--out", str(tmp_path)]) == 0
+    documents = [json.loads((tmp_path / f"{name}.json").read_text()) for name in names]
+    assert [len(document["comparisons"]) for document in documents] == [4, 4, 2]
+    assert all((tmp_path / f"{name}.png").read_bytes().startswith(b"\x89PNG") for name in names)
+    assert len(localization_study._kept) == 1
+    assert "thesis's filter, two pickets" in capsys.readouterr().out
 
 
 def test_help_names_every_figure(capsys):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 from scipy import stats
+from scipy.spatial.transform import Rotation
 
 from coop_envs.agents.catalog import load_camera, load_hat
 from coop_envs.agents.team import Member, Team
@@ -202,3 +203,49 @@ def test_a_reflection_shows_the_hat_elsewhere_on_both_rungs():
     moved = np.linalg.norm(p[0] - np.median(p[0], axis=0), axis=1) > 0.1
     assert 0.1 < moved.mean() < 0.3
     assert np.median(np.linalg.norm(p[0] - p[1], axis=1)) < 1e-3
+
+
+def driven(shake_rad, teams=1, fidelity="poses", wheels=5.0):
+    """Frames of observers that drive at a robot ahead, on mounts that shake."""
+    team = team_of(camera=replace(LIFECAM, shake_rad=shake_rad))
+    world = world_of(starts=[(0.0, 0.0, 0.0), AHEAD])
+    physics = physics_of(team, world, teams=teams, clock=FRAME, leds=led_model(noise_px=1e-4), fidelity=fidelity)
+    physics.command.brightness.numpy()[:] = 1.0
+    physics.command.wheels.numpy()[:, 0] = wheels
+    physics.step()
+    return physics
+
+
+def turned(physics):
+    """By how much each team's camera stood turned in its frame (teams, 3), from the poses it gave."""
+    rotation = physics.state.rotation.numpy().astype(float)
+    believed = rotation[:, 0] @ body_from_camera(LIFECAM.pitch_down_rad)
+    R = physics.measurements.R_camera_body.numpy()[:, 0, 1].astype(float)
+    return Rotation.from_matrix(np.swapaxes(believed, 1, 2) @ rotation[:, 1] @ np.swapaxes(R, 1, 2)).as_rotvec()
+
+
+@pytest.mark.parametrize("fidelity", ["poses", "features"])
+def test_a_camera_on_a_driving_robot_shakes_about_each_axis(fidelity):
+    turns = turned(driven(0.01, teams=400, fidelity=fidelity))
+    assert np.allclose(turns.std(axis=0), 0.01, rtol=0.15)
+    assert np.all(np.abs(turns.mean(axis=0)) < 0.002)
+    assert np.abs(np.corrcoef(turns.T) - np.eye(3)).max() < 0.2
+
+
+def test_a_camera_on_a_standing_robot_does_not_shake():
+    assert np.abs(turned(driven(0.01, teams=50, wheels=0.0))).max() < 1e-4
+
+
+def test_shake_is_drawn_anew_for_each_frame():
+    physics = driven(0.01)
+    first = turned(physics)
+    physics.step()
+    assert np.linalg.norm(turned(physics) - first) > 1e-3
+
+
+def test_a_mount_without_shake_leaves_every_bit_as_it_was():
+    still, firm = driven(0.01, wheels=0.0), driven(0.0, wheels=0.0)
+    moving, shaken = driven(0.0), driven(1e-12)
+    for name in ("pixel", "hue", "signal"):
+        np.testing.assert_array_equal(*(getattr(p.features, name).numpy() for p in (still, firm)))
+        np.testing.assert_allclose(*(getattr(p.features, name).numpy() for p in (moving, shaken)), atol=1e-3)
