@@ -63,10 +63,15 @@ def set_entry(rows: Rows, b: int, column: int, effect: vec6d):
 
 @wp.struct
 class Seen:
-    """A hat j before camera i, its pose in camera axes, the LEDs that gave it, and (J^T J)^-1 of them."""
+    """A hat j before camera i, its pose in camera axes, the LEDs that gave it, and (J^T J)^-1 of them.
+
+    ``hat_slot`` is the slot from which its LEDs are placed as estimated, or -1: as calibrated, where the measured pose
+    fits them.
+    """
 
     i: int
     j: int
+    hat_slot: int
     R: wp.mat33d
     p: wp.vec3d
     leds: int
@@ -80,18 +85,23 @@ def shows(seen: Seen, k: int) -> bool:
 
 
 @wp.func
-def row_of(optics: Optics, seen: Seen, k: int) -> LedRows:
+def row_of(belief: Belief, optics: Optics, seen: Seen, b: int, k: int) -> LedRows:
     """Where LED k is in the image, and how it moves with the pose."""
-    return led_rows(optics.cameras[seen.i], seen.R * wp.vec3d(optics.hats.position[seen.j, k]), seen.p)
+    led = wp.vec3d(optics.hats.position[seen.j, k])
+    if seen.hat_slot >= 0:
+        off = belief.calibration[b, seen.hat_slot + k // LEDS_PER_SLOT]
+        first = 3 * (k % LEDS_PER_SLOT)
+        led = led + wp.vec3d(off[first], off[first + 1], off[first + 2])
+    return led_rows(optics.cameras[seen.i], seen.R * led, seen.p)
 
 
 @wp.func
-def pose_spread(optics: Optics, seen: Seen) -> mat66d:
+def pose_spread(belief: Belief, optics: Optics, seen: Seen, b: int) -> mat66d:
     """(J^T J)^-1 of a hat's pose; zero where its LEDs do not determine it."""
     information = mat66d()
     for k in range(optics.hats.leds[seen.j]):
         if shows(seen, k):
-            information = information + information_of(row_of(optics, seen, k), wp.float64(1.0))
+            information = information + information_of(row_of(belief, optics, seen, b, k), wp.float64(1.0))
     low = cholesky6(information)
     if not low[0, 0] > wp.float64(0.0):
         return mat66d()
@@ -99,10 +109,10 @@ def pose_spread(optics: Optics, seen: Seen) -> mat66d:
 
 
 @wp.func
-def hat_effects(rows: Rows, optics: Optics, seen: Seen, b: int):
+def hat_effects(belief: Belief, rows: Rows, optics: Optics, seen: Seen, b: int):
     """How the pose moves with each LED's place."""
     for k in range(optics.hats.leds[seen.j]):
-        led = row_of(optics, seen, k)
+        led = row_of(belief, optics, seen, b, k)
         along_u = wp.transpose(seen.R) * wp.vec3d(led.u[3], led.u[4], led.u[5])
         along_v = wp.transpose(seen.R) * wp.vec3d(led.v[3], led.v[4], led.v[5])
         for axis in range(3):
@@ -113,7 +123,7 @@ def hat_effects(rows: Rows, optics: Optics, seen: Seen, b: int):
 
 
 @wp.func
-def camera_effects(rows: Rows, optics: Optics, member: MemberModel, seen: Seen, b: int):
+def camera_effects(belief: Belief, rows: Rows, optics: Optics, member: MemberModel, seen: Seen, b: int):
     """How the pose moves with the lens and with the camera's place in the body."""
     centre = wp.vec2d(optics.cameras[seen.i].centre)
     focal = vec6d()
@@ -121,7 +131,7 @@ def camera_effects(rows: Rows, optics: Optics, member: MemberModel, seen: Seen, 
     down = vec6d()
     for k in range(optics.hats.leds[seen.j]):
         if shows(seen, k):
-            led = row_of(optics, seen, k)
+            led = row_of(belief, optics, seen, b, k)
             off = led.uv - centre
             focal = focal + led.u * off[0] + led.v * off[1]
             across = across + led.u
@@ -140,13 +150,15 @@ def camera_effects(rows: Rows, optics: Optics, member: MemberModel, seen: Seen, 
 
 
 @wp.func
-def find_effects(rows: Rows, optics: Optics, member: MemberModel, other: MemberModel, b: int, seen: Seen):
+def find_effects(
+    belief: Belief, rows: Rows, optics: Optics, member: MemberModel, other: MemberModel, b: int, seen: Seen
+):
     """Enter into ``rows.effect`` how a pose moves with calibration states."""
-    seen.spread = pose_spread(optics, seen)
+    seen.spread = pose_spread(belief, optics, seen, b)
     if member.camera_slot >= 0:
-        camera_effects(rows, optics, member, seen, b)
+        camera_effects(belief, rows, optics, member, seen, b)
     if other.hat_slot >= 0:
-        hat_effects(rows, optics, seen, b)
+        hat_effects(belief, rows, optics, seen, b)
 
 
 @wp.func

@@ -18,6 +18,7 @@ from coop_envs.sensing.poses import mat66d, vec6d
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 GATE_ONE = wp.constant(wp.float64(6.63))
+FEW_SLOTS = wp.constant(8)
 GATE_SIX = wp.constant(wp.float64(22.46))
 
 
@@ -164,14 +165,20 @@ def passes(white: Whitening, gate: wp.float64) -> bool:
 
 @wp.func
 def settle(rows: Rows, b: int, slots: int):
-    """Let P fall by the rows that are kept: its upper blocks, which are then mirrored."""
+    """Let P fall by the rows that are kept: of a large team its upper blocks, which are then mirrored."""
     pending = rows.pending[b]
+    rows.pending[b] = 0
+    last = 15 * slots
     for s in range(slots):
-        for i in range(15 * (s + 1)):
+        if slots > FEW_SLOTS:
+            last = 15 * (s + 1)
+        for i in range(last):
             entry = rows.covariance[b, i, s]
             for p in range(pending):
                 entry = entry - rows.kept[b, p, s] * rows.kept_entries[b, p, i]
             rows.covariance[b, i, s] = entry
+    if slots <= FEW_SLOTS:
+        return
     for s in range(slots):
         for r in range(s):
             for k in range(15):
@@ -179,7 +186,6 @@ def settle(rows: Rows, b: int, slots: int):
                 for c in range(15):
                     mirrored[c] = rows.covariance[b, 15 * r + c, s][k]
                 rows.covariance[b, 15 * s + k, r] = mirrored
-    rows.pending[b] = 0
 
 
 @wp.func

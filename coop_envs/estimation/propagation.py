@@ -30,7 +30,7 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 15})
 STILL_RAD_S = wp.constant(1.0e-3)
 QUIET_GYRO = wp.constant(wp.float64(0.02))
 QUIET_ACCEL = wp.constant(wp.float64(0.25))
-SETTLED_M2 = wp.constant(wp.float64(1.0e-12))
+SETTLED_M2 = wp.constant(wp.float64(1.0e-9))
 
 
 @wp.struct
@@ -157,14 +157,10 @@ def column15(P: wp.array3d[wp.float64], b: int, row: int, c: int) -> vec15d:
 
 
 @wp.func
-def propagate_covariance(belief: Belief, rows: Rows, b: int, slot: int, phi: Transition):
-    """P = Phi P Phi^T for one robot's transition, the other robots standing."""
+def mirror(belief: Belief, rows: Rows, b: int, slot: int):
+    """Make a robot's columns those of its rows."""
     P = belief.covariance
     row = 15 * slot
-    for s in range(belief.slots[b]):
-        transform_rows(rows, b, row, s, phi)
-    transpose_block(P, b, row)
-    transform_rows(rows, b, row, slot, phi)
     for s in range(belief.slots[b]):
         if s != slot:
             for c in range(15 * s, 15 * s + 15):
@@ -175,11 +171,49 @@ def propagate_covariance(belief: Belief, rows: Rows, b: int, slot: int, phi: Tra
 
 
 @wp.func
+def propagate_covariance(belief: Belief, rows: Rows, b: int, slot: int, phi: Transition):
+    """P = Phi P Phi^T for one robot's transition, the other robots standing."""
+    P = belief.covariance
+    row = 15 * slot
+    for s in range(belief.slots[b]):
+        transform_rows(rows, b, row, s, phi)
+    transpose_block(P, b, row)
+    transform_rows(rows, b, row, slot, phi)
+    mirror(belief, rows, b, slot)
+
+
+@wp.func
 def linearise(belief: Belief, b: int):
     """Updates from here on take their derivatives at the poses as they are now."""
     for r in range(belief.slot.shape[1]):
         belief.first_position[b, r] = belief.position[b, r]
         belief.first_velocity[b, r] = belief.velocity[b, r]
+
+
+@wp.func
+def add_turned(rows: Rows, b: int, row: int, s: int, moved: wp.mat33d, gained: wp.mat33d):
+    """Add a robot's rows of theta, times a block each, to those of p and v, the entries of slot s."""
+    P = rows.covariance
+    x = P[b, row + THETA, s]
+    y = P[b, row + THETA + 1, s]
+    z = P[b, row + THETA + 2, s]
+    for k in range(3):
+        p = row + POSITION + k
+        v = row + VELOCITY + k
+        P[b, p, s] = P[b, p, s] + x * moved[k, 0] + y * moved[k, 1] + z * moved[k, 2]
+        P[b, v, s] = P[b, v, s] + x * gained[k, 0] + y * gained[k, 1] + z * gained[k, 2]
+
+
+@wp.func
+def carry_over(belief: Belief, rows: Rows, b: int, slot: int, moved: wp.mat33d, gained: wp.mat33d):
+    """P = T P T^T for one robot, where T adds ``moved`` theta to p and ``gained`` theta to v."""
+    P = belief.covariance
+    row = 15 * slot
+    for s in range(belief.slots[b]):
+        add_turned(rows, b, row, s, moved, gained)
+    transpose_block(P, b, row)
+    add_turned(rows, b, row, slot, moved, gained)
+    mirror(belief, rows, b, slot)
 
 
 @wp.func
@@ -198,10 +232,7 @@ def follow_shift(belief: Belief, rows: Rows, b: int):
             moved = belief.position[b, r] - belief.first_position[b, r]
             gained = belief.velocity[b, r] - belief.first_velocity[b, r]
             if wp.length_sq(moved) + wp.length_sq(gained) > SETTLED_M2:
-                phi = Transition()
-                phi.position_theta = wp.skew(moved) * wp.float64(-1.0)
-                phi.velocity_theta = wp.skew(gained) * wp.float64(-1.0)
-                propagate_covariance(belief, rows, b, belief.slot[b, r], phi)
+                carry_over(belief, rows, b, belief.slot[b, r], wp.skew(-moved), wp.skew(-gained))
 
 
 @wp.func

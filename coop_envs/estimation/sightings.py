@@ -166,7 +166,9 @@ class Verdict:
 
 
 @wp.func
-def surer_pose(measured: Measurements, view: Sighting, noise: mat66d, b: int, i: int, j: int) -> Seen:
+def surer_pose(
+    measured: Measurements, other: MemberModel, view: Sighting, noise: mat66d, b: int, i: int, j: int
+) -> Seen:
     """A pose at which to ask for the effect of calibrations: the predicted one, or where that is far off the measured.
 
     At the measured one, noise would make it seem as if every frame showed the hat from another side, which would feign
@@ -178,10 +180,12 @@ def surer_pose(measured: Measurements, view: Sighting, noise: mat66d, b: int, i:
     seen.leds = measured.leds[b, i, j]
     seen.R = view.rotation
     seen.p = view.position
+    seen.hat_slot = other.hat_slot
     off = wp.vec3d(view.residual[3], view.residual[4], view.residual[5])
     if wp.length_sq(off) > FAR_OFF * (noise[3, 3] + noise[4, 4] + noise[5, 5]):
         seen.R = wp.mat33d(measured.R_camera_body[b, i, j])
         seen.p = wp.vec3d(measured.p_camera_body[b, i, j])
+        seen.hat_slot = -1
     return seen
 
 
@@ -196,8 +200,8 @@ def judge(
     out.noise = pose_noise(belief, measured, members[i], b, i, j)
     calibrated = members[i].camera_slot >= 0 or members[j].hat_slot >= 0
     if calibrated:
-        seen = surer_pose(measured, out.view, out.noise, b, i, j)
-        find_effects(rows, optics, members[i], members[j], b, seen)
+        seen = surer_pose(measured, members[j], out.view, out.noise, b, i, j)
+        find_effects(belief, rows, optics, members[i], members[j], b, seen)
         out.view.residual = out.view.residual - effect_shift(belief, rows, optics, members[i], members[j], b, j)
     for s in range(belief.slots[b]):
         if whole or calibrated or s == belief.slot[b, i] or s == belief.slot[b, j]:

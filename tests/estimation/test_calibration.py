@@ -9,7 +9,7 @@ import warp as wp
 from scipy.spatial.transform import Rotation
 
 from coop_envs.agents.catalog import load_team
-from coop_envs.estimation.belief import MemberModel
+from coop_envs.estimation.belief import Belief, MemberModel
 from coop_envs.estimation.calibration import CENTRE, FOCAL, HAT_EFFECT, PLACE, TURN, Optics, Seen, find_effects
 from coop_envs.estimation.rows import Rows
 from tests.estimation.bench import Bench, transform
@@ -29,13 +29,16 @@ TEAM = load_team(
 
 
 @wp.kernel
-def run_effects(rows: Rows, optics: Optics, members: wp.array[MemberModel], R: wp.mat33d, p: wp.vec3d, leds: int):
+def run_effects(
+    belief: Belief, rows: Rows, optics: Optics, members: wp.array[MemberModel], R: wp.mat33d, p: wp.vec3d, leds: int
+):
     seen = Seen()
     seen.j = 1
+    seen.hat_slot = members[1].hat_slot
     seen.R = R
     seen.p = p
     seen.leds = leds
-    find_effects(rows, optics, members[0], members[1], 0, seen)
+    find_effects(belief, rows, optics, members[0], members[1], 0, seen)
 
 
 class Scene:
@@ -65,7 +68,16 @@ class Scene:
 def effects_of(scene: Scene) -> np.ndarray:
     """(6, 45) by the filter."""
     bench = Bench(TEAM, settings=SETTINGS)
-    bench.run(run_effects, bench.rows, bench.optics, bench.members, wp.mat33d(*scene.R.ravel()), wp.vec3d(*scene.p), 0)
+    bench.run(
+        run_effects,
+        bench.belief,
+        bench.rows,
+        bench.optics,
+        bench.members,
+        wp.mat33d(*scene.R.ravel()),
+        wp.vec3d(*scene.p),
+        0,
+    )
     return bench.rows.effect_entries.numpy()[0].copy()
 
 
