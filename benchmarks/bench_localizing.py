@@ -56,14 +56,14 @@ class Bench:
         told[:, :moving] = 1.0
         command.wheels.assign(told)
         self.measured.heard.fill_(1)
-        self.measured.accel.assign(np.broadcast_to(np.float32([0.0, 0.0, 9.81]), (teams, n, 1, 3)))
+        self.measured.accel.assign(np.broadcast_to(np.array([0.0, 0.0, 9.81], dtype=np.float32), (teams, n, 1, 3)))
         self._see(team, seen, start)
         for _ in range(80):
             self.filter.step(TICK_S)
 
     def _see(self, team: Team, seen: int, start: np.ndarray) -> None:
         """The first camera sees robots where they are."""
-        level = np.float32([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+        level = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]], dtype=np.float32)
         camera = team.members[0].camera
         assert camera is not None
         arrays = {

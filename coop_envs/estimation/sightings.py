@@ -33,6 +33,8 @@ from coop_envs.sensing.poses import mat66d, vec6d
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 ENOUGH_SIGHTINGS = wp.constant(25)
+ACCEPTED, HELD, REFUSED, SINGLE = (wp.constant(k) for k in (1, 2, 3, 4))
+"""What becomes of a sighting: fused or in its place, to be confirmed, elsewhere again, elsewhere for once."""
 REJECTIONS = wp.constant(3)
 REJECTED_S = wp.constant(0.3)
 FRESH_S = wp.constant(2.0)
@@ -166,6 +168,14 @@ class Verdict:
 
 
 @wp.func
+def is_far(residual: vec6d, noise: mat66d) -> bool:
+    """Whether a robot is seen so far from where it is believed that the belief must be the one that is off."""
+    off = wp.vec3d(residual[3], residual[4], residual[5])
+    spread = noise[3, 3] + noise[4, 4] + noise[5, 5]
+    return bool(wp.length_sq(off) > FAR_OFF * spread)
+
+
+@wp.func
 def surer_pose(
     measured: Measurements, other: MemberModel, view: Sighting, noise: mat66d, b: int, i: int, j: int
 ) -> Seen:
@@ -181,8 +191,7 @@ def surer_pose(
     seen.R = view.rotation
     seen.p = view.position
     seen.hat_slot = other.hat_slot
-    off = wp.vec3d(view.residual[3], view.residual[4], view.residual[5])
-    if wp.length_sq(off) > FAR_OFF * (noise[3, 3] + noise[4, 4] + noise[5, 5]):
+    if is_far(view.residual, noise):
         seen.R = wp.mat33d(measured.R_camera_body[b, i, j])
         seen.p = wp.vec3d(measured.p_camera_body[b, i, j])
         seen.hat_slot = -1
@@ -263,6 +272,19 @@ def agrees(belief: Belief, verdict: Verdict, b: int, i: int, j: int) -> bool:
 
 
 @wp.func
+def waits(belief: Belief, verdict: Verdict, b: int, i: int, j: int) -> bool:
+    """Whether a sighting has to be confirmed by the next one before it counts; it is kept.
+
+    After a long way in the dark anything passes the gate, a reflection too. Two of them in a row do not agree.
+    """
+    if not is_far(verdict.view.residual, verdict.noise):
+        return False
+    apart = whitening(verdict.noise * wp.float64(2.0), verdict.view.residual - belief.refused[b, i, j])
+    belief.refused[b, i, j] = verdict.view.residual
+    return not passes(apart, GATE_SIX)
+
+
+@wp.func
 def doubt(belief: Belief, b: int, r: int):
     """A robot whose sightings fail the gate and agree was moved or slipped: its pose is believed ever less."""
     row = 15 * belief.slot[b, r]
@@ -299,44 +321,59 @@ def suspect(belief: Belief, model: FilterModel, b: int, r: int):
 
 
 @wp.func
+def take_in(
+    belief: Belief, measured: Measurements, members: wp.array[MemberModel], optics: Optics, rows: Rows,
+    b: int, i: int, j: int,
+) -> int:  # fmt: skip
+    """Fuse, check or refuse what camera i saw of robot j. Between two at rest it is only checked after a while."""
+    resting = belief.stationary[b, i] == 1 and belief.stationary[b, j] == 1
+    only_check = resting and belief.averaged[b, i, j] >= ENOUGH_SIGHTINGS
+    verdict = judge(belief, measured, members, optics, rows, b, i, j, not only_check)
+    if not passes(verdict.white, GATE_SIX):
+        if agrees(belief, verdict, b, i, j):
+            return REFUSED
+        return SINGLE
+    if only_check:
+        if wanders(belief, verdict, b, i, j):
+            return REFUSED
+        return ACCEPTED
+    if waits(belief, verdict, b, i, j):
+        return HELD
+    keep_six(belief, rows, b, verdict.white)
+    belief.averaged[b, i, j] = belief.averaged[b, i, j] + 1
+    belief.wandered[b, i, j] = vec6d()
+    return ACCEPTED
+
+
+@wp.func
 def fuse_sightings(
     belief: Belief, measured: Measurements, members: wp.array[MemberModel], optics: Optics, model: FilterModel,
     rows: Rows, b: int, i: int,
 ):  # fmt: skip
-    """Fuse what camera i saw. Between two robots at rest the same view is only checked after a while."""
+    """Fuse what camera i saw, and doubt robots that it keeps seeing elsewhere."""
     accepted = int(0)
     refused = int(0)
-    last = int(-1)
     for j in range(members.shape[0]):
         belief.seen[b, i, j] = 0
         if measured.seen[b, i, j] == 1 and belief.slot[b, i] >= 0 and belief.slot[b, j] >= 0:
-            resting = belief.stationary[b, i] == 1 and belief.stationary[b, j] == 1
-            only_check = resting and belief.averaged[b, i, j] >= ENOUGH_SIGHTINGS
-            verdict = judge(belief, measured, members, optics, rows, b, i, j, not only_check)
-            fits = passes(verdict.white, GATE_SIX)
-            apart = bool(False)
-            if fits and only_check:
-                apart = wanders(belief, verdict, b, i, j)
-            if fits and not apart:
-                if not only_check:
-                    keep_six(belief, rows, b, verdict.white)
-                    belief.averaged[b, i, j] = belief.averaged[b, i, j] + 1
-                    belief.wandered[b, i, j] = vec6d()
-                belief.seen[b, i, j] = 1
+            answer = take_in(belief, measured, members, optics, rows, b, i, j)
+            belief.seen[b, i, j] = answer
+            accepted = accepted + int(answer == ACCEPTED)
+            refused = refused + int(answer == REFUSED)
+            if answer == ACCEPTED:
                 belief.rejected[b, j] = 0
-                accepted = accepted + 1
-            elif apart or agrees(belief, verdict, b, i, j):
-                refused = refused + 1
-            else:
+            elif answer == SINGLE:
                 belief.rejected[b, i] = 0
                 belief.rejected[b, j] = 0
     if rows.pending[b] > 0:
         settle(rows, b, belief.slots[b])
     if accepted > 0:
         belief.rejected[b, i] = 0
+    last = int(-1)
     for j in range(members.shape[0]):
-        out_of_place = measured.seen[b, i, j] == 1 and belief.seen[b, i, j] == 0
-        if out_of_place and belief.slot[b, i] >= 0 and belief.slot[b, j] >= 0:
+        answer = belief.seen[b, i, j]
+        belief.seen[b, i, j] = int(answer == ACCEPTED)
+        if answer >= REFUSED:
             culprit = blame(belief, b, i, j, refused, accepted)
             if culprit != last:
                 last = culprit
