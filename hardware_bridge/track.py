@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coop_envs.agents.specification import RobotSpecification
-from hardware_bridge.clock_alignment import ClockAlignment
+from coop_envs.localization.clocks.alignment import ClockAlignment
 from hardware_bridge.reading import Sample
 
 GRAVITY = 9.81

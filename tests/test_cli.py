@@ -55,8 +55,8 @@ def test_version():
         (
             ("doctr",),
             (
-                "command: got 'doctr', expected one of demo, deploy, doctor, evaluate, play, reproduce, train "
-                "(did you mean 'doctor'?)"
+                "command: got 'doctr', expected one of demo, deploy, doctor, evaluate, localize, play, reproduce, "
+                "train (did you mean 'doctor'?)"
             ),
         ),
         (("doctor", "--jsno"), "--jsno"),

@@ -10,11 +10,21 @@ from pathlib import Path
 import pytest
 
 from coop_envs.agents.catalog import load_camera, load_team
+from coop_envs.localization.logs.bag_topics import Topics
+from coop_envs.localization.logs.team_file import read_team
 from coop_envs.scenario import load_scenario
 from coop_envs.validation import read_yaml
 
 ROOT = Path(__file__).parents[1]
-PAGES = ("README.md", "docs/worlds.md", "docs/robots.md", "docs/scanning.md", "docs/policies.md", "docs/training.md")
+PAGES = (
+    "README.md",
+    "docs/worlds.md",
+    "docs/robots.md",
+    "docs/scanning.md",
+    "docs/policies.md",
+    "docs/training.md",
+    "docs/localizing.md",
+)
 
 
 def blocks(page: str, language: str) -> list[str]:
@@ -38,6 +48,9 @@ def test_yaml_blocks_load(page, tmp_path):
         entries = read_yaml(text, str(path))
         if "camera_matrix" in entries:
             assert load_camera({"file": path}).name
+        elif {"robots", "names", "starts"} & set(entries):
+            who = read_team(path)
+            assert who.robots and Topics(who.topics)
         else:
             assert (load_team(path) if "members" in entries else load_scenario(path)).name
 

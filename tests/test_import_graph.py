@@ -28,6 +28,10 @@ ALLOWED: dict[str, set[str]] = {
     "coop_envs.simulation": FOUNDATION | SIBLINGS | {"coop_envs.geometry"},
     "coop_envs.recording": FOUNDATION | {"coop_envs.geometry"},
     "coop_envs.viewer": FOUNDATION | {"coop_envs.geometry", "coop_envs.recording"},
+    "coop_envs.localization": FOUNDATION
+    | {"coop_envs.geometry", "coop_envs.agents", "coop_envs.sensing", "coop_envs.estimation", "coop_envs.cli"}
+    | {"coop_envs.device"}
+    | SEEING,
     "coop_envs": ENVIRONMENT,
     "coop_envs.wrappers": SEEN_BY_POLICIES,
     "baselines": SEEN_BY_POLICIES,
@@ -36,6 +40,7 @@ ALLOWED: dict[str, set[str]] = {
     "hardware_bridge": FOUNDATION
     | {"coop_envs.geometry", "coop_envs.agents", "coop_envs.sensing", "coop_envs.estimation", "coop_envs.mapping"}
     | {"coop_envs.recording", "coop_envs.observations", "coop_envs.actions", "coop_envs.belief_loop"}
+    | {"coop_envs.localization"}
     | {"coop_envs.belief_picture", "coop_envs.inchworm_rule", "coop_envs.policy", "coop_envs.device", "coop_envs.cli"},
     "hardware_bridge.emulators": ENVIRONMENT | {"hardware_bridge"},
     "train": ENVIRONMENT | {"baselines", "policies", "experiments"},
@@ -45,6 +50,7 @@ ALLOWED: dict[str, set[str]] = {
 NEVER_REACHED = {
     "hardware_bridge": {"coop_envs.simulation", "train", "torch", "stable_baselines3", "pybullet"},
     "coop_envs.recording": {"coop_envs.simulation", "torch"},
+    "coop_envs.localization": {"coop_envs.simulation", "torch"},
     "baselines": {"torch", "stable_baselines3"},
     "coop_envs": {"torch", "stable_baselines3", "train", "baselines"},
 }

@@ -9,6 +9,9 @@ Source: thesis eqs (5.11)-(5.13), corrected (the lever arm belongs in the body f
 and written for Hamilton rotations with R = Exp(theta) R_hat.
 """
 
+# pyright: reportUnknownVariableType=false
+# To the type checker, entries of Warp's matrices have no type.
+
 from __future__ import annotations
 
 import warp as wp
@@ -171,8 +174,7 @@ class Verdict:
 def is_far(residual: vec6d, noise: mat66d) -> bool:
     """Whether a robot is seen so far from where it is believed that the belief must be the one that is off."""
     off = wp.vec3d(residual[3], residual[4], residual[5])
-    spread = noise[3, 3] + noise[4, 4] + noise[5, 5]
-    return bool(wp.length_sq(off) > FAR_OFF * spread)
+    return wp.length_sq(off) > FAR_OFF * (noise[3, 3] + noise[4, 4] + noise[5, 5])
 
 
 @wp.func

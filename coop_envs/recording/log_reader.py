@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import os
-import struct
 from collections import ChainMap
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -18,7 +16,6 @@ from coop_envs.recording.frame import Frame, WorldPicture, frame_from_arrays, wo
 from coop_envs.recording.json_arrays import decode_array
 from coop_envs.recording.log_format import (
     FRAME,
-    MAGIC,
     MAP,
     MEASUREMENTS,
     METADATA_NAME,
@@ -27,6 +24,7 @@ from coop_envs.recording.log_format import (
     WORLD,
     LogMetadata,
 )
+from coop_envs.recording.mcap_records import ends_well, mcap_records
 
 if TYPE_CHECKING:
     from mcap.records import McapRecord
@@ -46,12 +44,8 @@ class EpisodeReader:
         if not self._path.is_file():
             raise ConfigError("log", str(path), "an existing episode log (.mcap)")
         self.note: str | None = None
-        with self._path.open("rb") as stream:
-            if stream.read(len(MAGIC)) != MAGIC:
-                raise ConfigError("log", str(path), "an MCAP file")
-            stream.seek(-len(MAGIC), os.SEEK_END)
-            if stream.tell() == 0 or stream.read() != MAGIC:
-                self._note_cut()
+        if not ends_well(self._path):
+            self._note_cut()
         self.metadata = self._read_metadata()
 
     def world(self) -> WorldPicture | None:
@@ -117,22 +111,7 @@ class EpisodeReader:
 
     def _records(self) -> Iterator[McapRecord]:
         """All records up to the first that cannot be read."""
-        import zstandard
-        from mcap.exceptions import McapError
-        from mcap.stream_reader import StreamReader
-
-        unreadable = (McapError, struct.error, zstandard.ZstdError, ValueError)
-        with self._path.open("rb") as stream:
-            records = StreamReader(stream, validate_crcs=True, record_size_limit=self._path.stat().st_size).records
-            while True:
-                try:
-                    record = next(records)
-                except StopIteration:
-                    return
-                except unreadable:
-                    self._note_cut()
-                    return
-                yield record
+        return mcap_records(self._path, self._note_cut)
 
 
 def _decode(message: Mapping[str, Any]) -> dict[str, NDArray[Any]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from coop_envs.localization.clock_alignment import ClockAlignment
+from coop_envs.localization.clocks.alignment import ClockAlignment
 from coop_envs.validation import STRICT
 from hardware_bridge.link import Now
 from hardware_bridge.protocols.datagrams import Datagram, numbers

@@ -17,8 +17,8 @@ from typing import Literal
 
 from coop_envs.agents.specification import Hat, RobotSpecification
 from coop_envs.errors import require
+from coop_envs.localization.clocks.alignment import DeviceClock
 from coop_envs.validation import STRICT
-from hardware_bridge.clock_alignment import DeviceClock
 from hardware_bridge.command import RobotCommand, SafeCommand, checked_safe
 from hardware_bridge.link import Identity, LinkError, Now
 from hardware_bridge.links.serial_line import SerialLine

@@ -7,7 +7,7 @@ import random
 
 import pytest
 
-from hardware_bridge.clock_alignment import WRAP_S, ClockAlignment, DeviceClock
+from coop_envs.localization.clocks.alignment import WRAP_S, ClockAlignment, DeviceClock
 
 
 def arrivals(start_us, ppm, seconds, seed=0, hz=100.0, mean_delay_s=0.003, begin_s=0.0):

@@ -74,6 +74,10 @@ class ClockAlignment:
             self._learn(device_s, offset_s)
         return min(host_s, device_s + self._line_s(device_s))
 
+    def recall(self, host_s: float, device_s: float) -> float:
+        """As `align`, for a sample that others have overtaken: nothing is learned from it."""
+        return min(host_s, device_s + self._line_s(device_s))
+
     @property
     def drift_ppm(self) -> float:
         """How much faster than the host's clock the device's runs."""

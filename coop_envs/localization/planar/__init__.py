@@ -1,0 +1,1 @@
+"""Teams of robots in the plane: poses of three numbers, odometry, ranges and bearings, fixes."""
