@@ -134,4 +134,4 @@ def test_who_is_pushed_while_all_rest_is_demoted_and_soon_known_again(robot):
     assert demoted[:, robot].mean() >= 0.9 and demoted.any(axis=1).mean() >= 0.97
     later = np.array([course.nees[np.searchsorted(course.time_s, at_s + 2.0), b] for b, at_s in enumerate(push.at_s)])
     assert np.median(later) < 1.5
-    assert np.mean(later.max(axis=-1) > 5.0) <= 0.02
+    assert np.mean(later.max(axis=-1) > 5.0) <= 0.06

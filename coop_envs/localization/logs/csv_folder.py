@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -60,7 +61,7 @@ def read_rows(path: Path, kind: Kind) -> RawRows:
 
 def _check_header(text: str, name: str, kind: Kind) -> None:
     """That the first line that is not empty names columns of the kind."""
-    first = text.lstrip().partition("\n")[0]
+    first = re.split(r"[\r\n]", text.lstrip(), maxsplit=1)[0]
     if not first:
         raise ConfigError(name, "an empty file", f"a line that names the columns: {', '.join(kind.columns)}")
     header = [cell.strip() for cell in next(csv.reader([first], skipinitialspace=True))]
