@@ -21,7 +21,7 @@ from coop_envs.estimation.belief import (
 from coop_envs.estimation.calibration import CalibrationPrior, begin_calibration
 from coop_envs.sensing.hats import Hats
 from coop_envs.sensing.measurements import Measurements
-from coop_envs.sensing.poses import mat66d
+from coop_envs.sensing.poses import mat66d, vec6d
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
@@ -162,6 +162,8 @@ def begin(
         for j in range(n):
             belief.seen[b, r, j] = 0
             belief.averaged[b, r, j] = 0
+            belief.refused[b, r, j] = vec6d()
+            belief.wandered[b, r, j] = vec6d()
     for r in range(n):
         if members[r].reserve == 1:
             dock = plans.dock[b]

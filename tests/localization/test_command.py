@@ -65,6 +65,13 @@ def test_settings_from_a_file(tmp_path):
     assert found.estimation.focal_sigma == 0.005
 
 
+def test_the_settings_say_how_vague_a_calibration_is(tmp_path):
+    file = tmp_path / "settings.yaml"
+    file.write_text("estimation: {focal_sigma: 0.02}\n")
+    found = chosen_settings(Options(tmp_path, settings=file, self_calibrate=True)).estimation
+    assert (found.focal_sigma, found.hat_sigma_m) == (0.02, 0.001)
+
+
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
@@ -73,14 +80,26 @@ def test_settings_from_a_file(tmp_path):
         (["{log}", "--settings", "{tmp}/bad.yaml"], "error: settings.bridg_s: got 'bridg_s', expected one of"),
         (["{log}", "--clocks", "sundial"], "error: "),
         (["{log}", "--out", "{tmp}/bad.yaml"], "error: out: got "),
+        (["{log}", "--out", "{tmp}/bad.yaml/out"], "error: out: got "),
+        (["{tmp}"], "error: log: got '{tmp} with bad.yaml', expected a folder with imu.csv or odometry.csv"),
     ],
 )
 def test_mistakes_in_one_line(log, tmp_path, capsys, arguments, expected):
     (tmp_path / "bad.yaml").write_text("bridg_s: 1\n")
     told = [word.format(log=log, tmp=tmp_path) for word in arguments]
     assert cli.guarded(lambda: main(told)) == 2
-    error = capsys.readouterr().err.strip().splitlines()[-1]
-    assert error.startswith(expected)
+    (error,) = capsys.readouterr().err.splitlines()
+    assert error.startswith(expected.format(tmp=tmp_path))
+
+
+def test_who_carries_the_camera_must_be_told(log, tmp_path, capsys):
+    (log / "team.yaml").rename(tmp_path / "kept.yaml")
+    try:
+        assert cli.guarded(lambda: main([str(log), "--out", str(tmp_path / "out")])) == 2
+        assert main([str(log), "--team", str(tmp_path / "kept.yaml"), "--out", str(tmp_path / "out")]) == 0
+    finally:
+        (tmp_path / "kept.yaml").rename(log / "team.yaml")
+    assert capsys.readouterr().err.startswith("error: team: got None, expected a team (team.yaml or --team)")
 
 
 def test_names_become_file_names():

@@ -79,7 +79,7 @@ class _Reader:
 
     def notes(self) -> list[str]:
         unstamped = [
-            f"{self._name}: {count} messages on {topic} have no stamp: taken as measured when recorded"
+            f"{self._name}: messages on {topic} without a stamp: {count}, taken as measured when recorded"
             for topic, count in self._unstamped.items()
         ]
         return unstamped + [f"{self._name}: {topic}: {why}" for topic, why in self._unfit.items()]

@@ -17,7 +17,7 @@ from tests.localization.generated_team import generated_log
 OFFSETS_S = {"observer_0": 0.031, "picket_0": -0.047, "picket_1": 0.012}
 
 
-@pytest.mark.parametrize(("imu_hz", "seed"), [(30.0, 0), (100.0, 1)])
+@pytest.mark.parametrize(("imu_hz", "seed"), [(30.0, 0), pytest.param(100.0, 1, marks=pytest.mark.slow)])
 def test_turns_tell_clock_offsets_to_five_milliseconds(imu_hz, seed):
     """The observer's gyro against resting pickets, theirs against the resting camera; frames at 30 Hz."""
     log = generated_log(seed, increments=4, imu_hz=imu_hz, turn_rad=1.5, clock_s=OFFSETS_S, odometry=False)
@@ -29,17 +29,18 @@ def test_turns_tell_clock_offsets_to_five_milliseconds(imu_hz, seed):
 
 def test_a_late_camera_shows_in_every_imu():
     clocks = {"camera observer_0": 0.080}
-    log = generated_log(2, increments=3, turn_rad=1.5, clock_s=clocks, odometry=False)
+    log = generated_log(2, increments=3, imu_hz=30.0, turn_rad=1.5, clock_s=clocks, odometry=False)
     found = clock_offsets(log.events, log, significant=True)
     assert all(found[f"imu {name}"] == pytest.approx(0.080, abs=0.006) for name in OFFSETS_S)
 
 
 def test_clocks_that_agree_are_left_alone():
-    log = generated_log(3, increments=2, turn_rad=1.5, odometry=False)
+    log = generated_log(3, increments=2, imu_hz=30.0, turn_rad=1.5, odometry=False)
     assert clock_offsets(log.events, log, significant=True) == {}
     assert clock_offsets(log.events[:200], log, significant=False) == {}  # all rest: nothing turns
 
 
+@pytest.mark.slow
 def test_outliers_and_gaps_do_not_mislead():
     """A picket's radio is gone while it drives: its turn in the gap is no lag."""
     silent = [("picket_0", 3.0, 4.5), ("picket_0", 12.0, 13.0)]

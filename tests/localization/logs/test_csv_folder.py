@@ -260,4 +260,4 @@ def test_reads_fast(tmp_path):
         assert len(read_log(tmp_path).events) == 100_000
         return time.process_time() - start
 
-    assert min(reading_s() for _ in range(3)) < 2.0
+    assert any(reading_s() < 2.0 for _ in range(3))
