@@ -12,8 +12,9 @@ import pytest
 from coop_envs.agents.catalog import load_camera, load_team
 from coop_envs.localization.logs.bag_topics import Topics
 from coop_envs.localization.logs.team_file import read_team
+from coop_envs.localization.settings import Localization
 from coop_envs.scenario import load_scenario
-from coop_envs.validation import read_yaml
+from coop_envs.validation import read_yaml, validated
 
 ROOT = Path(__file__).parents[1]
 PAGES = (
@@ -51,6 +52,8 @@ def test_yaml_blocks_load(page, tmp_path):
         elif {"robots", "names", "starts"} & set(entries):
             who = read_team(path)
             assert who.robots and Topics(who.topics)
+        elif set(entries) == {"estimation"}:
+            assert validated(Localization, entries, "settings")
         else:
             assert (load_team(path) if "members" in entries else load_scenario(path)).name
 

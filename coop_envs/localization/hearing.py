@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from coop_envs.agents.specification import RobotSpecification
 from coop_envs.localization.logs.events import ImuSample, Odometry
-from coop_envs.localization.rest_detector import ImuNoise, quiet_windows, window_length
+from coop_envs.localization.rest_detector import ImuNoise, quiet, window_length
 from coop_envs.localization.windows import ImuMeans, Reach, Wheels, imu_means, wheel_means
 
 Array = NDArray[np.float64]
@@ -94,7 +94,7 @@ def _stands(
     if len(recent) < listening.count and not stood:
         return False
     gyro, accel = np.array([one.gyro for one in recent]), np.array([one.accel for one in recent])
-    return bool(quiet_windows(gyro, accel, listening.noise, bias, len(recent))[0])
+    return quiet(gyro, accel, listening.noise, bias)
 
 
 def _as_wheels_turn(wheels: Wheels | None, ticks: int) -> ImuMeans:

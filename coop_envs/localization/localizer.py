@@ -71,8 +71,10 @@ class Localizer:
             require(event.camera != event.robot, "poses.robot", event.robot, "another robot than the camera's")
         for field in dataclasses.fields(event):
             value = getattr(event, field.name)
-            if isinstance(value, float | np.ndarray):
-                require(bool(np.isfinite(value).all()), f"{stream_key(event)[0]}.{field.name}", value, "finite numbers")
+            if isinstance(value, float):
+                require(math.isfinite(value), f"{stream_key(event)[0]}.{field.name}", value, "a finite number")
+            elif isinstance(value, np.ndarray) and not np.isfinite(value).all():
+                raise ConfigError(f"{stream_key(event)[0]}.{field.name}", value, "finite numbers")
         return self.timeline.add(event)
 
     def advance(self, now_s: float) -> None:

@@ -75,14 +75,23 @@ def quiet_windows(gyro: Array, accel: Array, noise: ImuNoise, bias: Array, count
 
     ``bias`` (3,) of the gyro, as far as it is known: a turn slower than 0.02 rad/s beside it is not told from it.
     """
-    degrees = 3 * (count - 1)
+    return _quiet(sliding_window_view(gyro, count, axis=0), sliding_window_view(accel, count, axis=0), noise, bias)
+
+
+def quiet(gyro: Array, accel: Array, noise: ImuNoise, bias: Array) -> bool:
+    """Whether a robot stood still all the while, by samples (T, 3); as `quiet_windows`."""
+    return bool(_quiet(gyro.T, accel.T, noise, bias))
+
+
+def _quiet(gyro: Array, accel: Array, noise: ImuNoise, bias: Array) -> Flags:
+    """Of windows (..., 3, count)."""
+    degrees = 3 * (gyro.shape[-1] - 1)
     limit = float(chdtri(degrees, CHANCE)) / degrees
-    turn = sliding_window_view(gyro, count, axis=0).mean(axis=-1) - bias
-    force = sliding_window_view(accel, count, axis=0).mean(axis=-1)
-    quiet = _scatter(gyro, count) < limit * (GYRO_EXCESS * noise.gyro_rad_s) ** 2
-    quiet &= _scatter(accel, count) < limit * (ACCEL_EXCESS * noise.accel_m_s2) ** 2
-    quiet &= np.linalg.norm(turn, axis=-1) < STEADY_RAD_S
-    return quiet & (np.abs(np.linalg.norm(force, axis=-1) - GRAVITY) < STEADY_M_S2)
+    turn, force = gyro.mean(axis=-1) - bias, accel.mean(axis=-1)
+    still = gyro.var(axis=-1, ddof=1).mean(axis=-1) < limit * (GYRO_EXCESS * noise.gyro_rad_s) ** 2
+    still &= accel.var(axis=-1, ddof=1).mean(axis=-1) < limit * (ACCEL_EXCESS * noise.accel_m_s2) ** 2
+    still &= np.linalg.norm(turn, axis=-1) < STEADY_RAD_S
+    return still & (np.abs(np.linalg.norm(force, axis=-1) - GRAVITY) < STEADY_M_S2)
 
 
 def resting(gyro: Array, accel: Array, rate_hz: float, noise: ImuNoise, bias: Array | None = None) -> Flags:

@@ -28,7 +28,7 @@ def read() -> None:
     """Print keys until ``q``."""
     while os.tcgetpgrp(0) != os.getpgrp():
         time.sleep(0.01)
-    with Keyboard(before_suspend=lambda: print("suspending", flush=True)) as keyboard:
+    with Keyboard(before_suspend=lambda: os.write(1, b"suspending\n")) as keyboard:
         print(os.getpid(), flush=True)
         while True:
             for key in keyboard.read(timeout_s=1.0):

@@ -77,7 +77,7 @@ def motions(increments: int = 2, turn_rad: float = TURN_RAD) -> dict[str, Motion
 def generated_log(
     seed: int = 0,
     increments: int = 2,
-    imu_hz: float = 100.0,
+    imu_hz: float = 50.0,
     frame_hz: float = 30.0,
     turn_rad: float = TURN_RAD,
     clock_s: Mapping[str, float] | None = None,

@@ -145,7 +145,16 @@ def test_liars_lost_frames_and_delays(seeds):
         within_bounds(result, log, 0.02, 8.0)
 
 
-@pytest.mark.parametrize("changes", [{"odometry": False}, {"imu_hz": 30.0}, {"imu_hz": 250.0}, {"frame_hz": 8.0}])
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"odometry": False},
+        {"imu_hz": 30.0},
+        pytest.param({"imu_hz": 250.0}, marks=pytest.mark.slow),
+        {"imu_hz": 100.0},
+        {"frame_hz": 8.0},
+    ],
+)
 def test_streams_of_other_rates_and_without_wheels(changes):
     log = generated_log(7, **changes)
     within_bounds(localize(log, STAMPS), log, 0.012, 6.0)

@@ -36,7 +36,7 @@ def test_landmarks_place_robots_that_nobody_told_of(tmp_path):
         assert nees.mean() < 2.0
 
 
-@pytest.mark.parametrize("name", ["log", "log.mcap"])
+@pytest.mark.parametrize("name", ["log.mcap", pytest.param("log", marks=pytest.mark.slow)])
 def test_two_fixes_place_a_team_with_a_frame_of_its_own(tmp_path, name):
     log = record(tmp_path / name, "--fixes", "--seconds", "20")
     assert sum(isinstance(event, Fix) for event in log.events) == 2 and not log.landmarks

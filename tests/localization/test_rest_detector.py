@@ -38,7 +38,7 @@ def still(count: int, seed: int = 0, scale: float = 1.0) -> tuple[np.ndarray, np
 
 
 def test_noise_as_specified_never_looks_like_motion():
-    gyro, accel = still(200_000)
+    gyro, accel = still(50_000)
     assert resting(gyro, accel, 100.0, NOISE).all()
 
 

@@ -27,6 +27,7 @@ def test_turns_tell_clock_offsets_to_five_milliseconds(imu_hz, seed):
         assert found[f"imu {name}"] == pytest.approx(-offset_s, abs=0.005)
 
 
+@pytest.mark.slow
 def test_a_late_camera_shows_in_every_imu():
     clocks = {"camera observer_0": 0.080}
     log = generated_log(2, increments=3, imu_hz=30.0, turn_rad=1.5, clock_s=clocks, odometry=False)

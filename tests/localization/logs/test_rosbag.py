@@ -135,7 +135,7 @@ def test_messages_that_lack_something(tmp_path):
     with pytest.raises(ConfigError, match=r"or an entry topics.poses.sigma_rotation_rad that stands for it"):
         read_log(bags.write_bag(tmp_path / "run.bag", [*stream(), zeros]), TEAM)
     lone = bags.write_bag(tmp_path / "run.bag", [*stream(), ("/zumy1/odom", T0, bags.twist(0.1, 0.0))])
-    note = "run.bag: 1 messages on /zumy1/odom have no stamp: taken as measured when recorded"
+    note = "run.bag: messages on /zumy1/odom without a stamp: 1, taken as measured when recorded"
     assert read_log(lone, TEAM).notes == (note,)
     assert of_type(read_log(lone, TEAM), Odometry)[0].time_s == T0
     wrong = bags.write_bag(tmp_path / "run.bag", [*stream(), ("/zumy2/imu", T0, bags.pose_stamped(T0, at))])

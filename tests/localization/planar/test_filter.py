@@ -216,16 +216,16 @@ def test_where_something_is_seen_and_how_exactly():
     np.testing.assert_allclose(np.cov(places.T), spread[0], rtol=0.05, atol=1e-4)
 
 
-@pytest.mark.parametrize("seeds", [3, pytest.param(10, marks=pytest.mark.slow)])
-def test_discovered_landmarks_are_mapped_consistently(seeds):
+@pytest.mark.parametrize("steps", [20, pytest.param(60, marks=pytest.mark.slow)])
+def test_discovered_landmarks_are_mapped_consistently(steps):
     """Three robots, six landmarks of unknown place: NEES of robots and landmarks over seeds."""
     robots, landmarks = [], []
-    for seed in range(seeds):
+    for seed in range(10):
         rng = np.random.default_rng(seed)
         pose = np.column_stack([rng.uniform(-1, 1, (3, 2)), rng.uniform(-3, 3, 3)])
         world = World(SETTINGS, pose, rng.uniform(-3, 3, (6, 2)), rng)
         team = started(world)
-        for _ in range(60):
+        for _ in range(steps):
             forward, turn = np.full(3, 0.3), rng.normal(0.3, 0.5, 3)
             world.drive(forward, turn)
             team.move(np.arange(3), *driven(team.settings, forward, turn, STEP_S))
@@ -243,7 +243,7 @@ def test_discovered_landmarks_are_mapped_consistently(seeds):
             if name.startswith("l"):
                 d = world.landmarks[int(name[1:])] - team.pose[k, :2]
                 landmarks.append(d @ np.linalg.solve(team.covariance_of(name)[1:, 1:], d) / 2)
-    assert len(landmarks) > 4 * seeds
+    assert len(landmarks) > 40
     assert 0.6 < np.mean(robots) < 1.4
     assert 0.6 < np.mean(landmarks) < 1.5
 
