@@ -111,7 +111,7 @@ def test_in_the_simulation_whoever_moves_is_tied_to_one_that_stands(scenario: st
     env = InchwormShield(exploration_v0.parallel_env(scenario, team=members, fidelity="poses", num_worlds=1))
     env.reset(seed=0)
     rng, moves, held = np.random.default_rng(0), 0, 0
-    for _ in range(150):
+    for _ in range(300):
         belief, names = env.batch.belief, env.possible_agents
         seen, still = belief.seen.numpy()[0] > 0, belief.stationary.numpy()[0] > 0
         there = belief.declared.numpy()[0] != Declared.DOCKED
