@@ -109,9 +109,9 @@ def test_what_moves_keeps_the_rule_and_no_one_more_could_move(robots: int) -> No
 def test_in_the_simulation_whoever_moves_is_tied_to_one_that_stands(scenario: str, members: str) -> None:
     """Held against who saw whom in the belief, which names robots."""
     env = InchwormShield(exploration_v0.parallel_env(scenario, team=members, fidelity="poses", num_worlds=1))
-    env.reset(seed=0)
-    rng, moves, held = np.random.default_rng(0), 0, 0
-    for _ in range(300):
+    env.reset(seed=1)
+    rng, moves, held = np.random.default_rng(1), 0, 0
+    for _ in range(150):
         belief, names = env.batch.belief, env.possible_agents
         seen, still = belief.seen.numpy()[0] > 0, belief.stationary.numpy()[0] > 0
         there = belief.declared.numpy()[0] != Declared.DOCKED
